@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cmath>
+#include <string>
+
+#include "traceur/core/error.hpp"
+
+namespace traceur::sim {
+
+/// Constants of the bundled simulator. They are part of what a controller was learned on: keep them with it.
+struct Parameters {
+  double dt = 1.0 / 480;                ///< time step, s
+  double gravity = 9.81;                ///< m/s^2, downwards
+  double friction = 1.0;                ///< Coulomb coefficient of every contact
+  double contact_stiffness = 1e5;       ///< normal spring of one contact sphere, N/m
+  double contact_damping = 1000;        ///< normal damper of one contact sphere, N s/m
+  double spring_depth = 0.02;           ///< penetration beyond which the normal spring grows no more, m
+  double bristle_stiffness = 1e5;       ///< tangential spring that holds a sticking contact, N/m
+  double bristle_damping = 500;         ///< tangential damper of a sticking contact, N s/m
+  double slip_speed = 1e-3;             ///< sliding speed below which friction is viscous, m/s
+  double stop_stiffness = 1500;         ///< joint limit spring, N m/rad
+  double stop_damping = 30;             ///< joint limit damper, N m s/rad
+  double joint_speed_limit = 60;        ///< joint speeds are clamped to this, rad/s
+  bool conserve_momentum = true;        ///< whether momenta are held to change by external impulses only
+
+  /// Throws Error naming the field that is out of range.
+  void check() const {
+    const auto positive = [](double x, const char* name) {
+      if (!(x > 0) || !std::isfinite(x)) throw Error(std::string("simulation parameter '") + name + "': expected a positive number");
+    };
+    const auto at_least_zero = [](double x, const char* name) {
+      if (!(x >= 0) || !std::isfinite(x)) throw Error(std::string("simulation parameter '") + name + "': expected zero or more");
+    };
+    positive(dt, "dt");
+    positive(spring_depth, "spring_depth");
+    positive(slip_speed, "slip_speed");
+    positive(joint_speed_limit, "joint_speed_limit");
+    at_least_zero(gravity, "gravity");
+    at_least_zero(friction, "friction");
+    at_least_zero(contact_stiffness, "contact_stiffness");
+    at_least_zero(contact_damping, "contact_damping");
+    at_least_zero(bristle_stiffness, "bristle_stiffness");
+    at_least_zero(bristle_damping, "bristle_damping");
+    at_least_zero(stop_stiffness, "stop_stiffness");
+    at_least_zero(stop_damping, "stop_damping");
+  }
+};
+
+}  // namespace traceur::sim
