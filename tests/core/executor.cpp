@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/executor.hpp>
-
 #include <atomic>
 #include <stdexcept>
 #include <string>
@@ -8,6 +6,8 @@
 #include <vector>
 
 #include <doctest/doctest.h>
+
+#include <traceur/core/executor.hpp>
 
 using traceur::core::Executor;
 using traceur::core::SerialExecutor;

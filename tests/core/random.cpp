@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/random.hpp>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,6 +9,8 @@
 #include <vector>
 
 #include <doctest/doctest.h>
+
+#include <traceur/core/random.hpp>
 
 using traceur::core::philox4x32;
 using traceur::core::RandomStream;

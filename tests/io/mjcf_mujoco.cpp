@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <memory>
 #include <random>
 #include <string>
@@ -90,7 +91,8 @@ void compare(const fs::path& path) {
       const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> axes(d->ximat + 9 * body);
       const Eigen::Map<const Eigen::Vector3d> principal(m->body_inertia + 3 * body);
       const Eigen::Matrix3d theirs = axes * principal.asDiagonal() * axes.transpose();
-      CHECK((turned - theirs).cwiseAbs().maxCoeff() < 1e-9 * (1 + theirs.norm()));
+      // MuJoCo stops its search for principal axes at about 1e-7.
+      CHECK((turned - theirs).cwiseAbs().maxCoeff() < 1e-6 * theirs.norm());
       const Quaternion off = frames.rotation[k].conjugate() * from_wxyz(d->xquat + 4 * body);
       CHECK(norm(off.vec()) < 1e-9);
       if (m->body_jntnum[body] == 0) {
@@ -123,7 +125,12 @@ TEST_CASE("mjcf: MuJoCo reads a humanoid of hinges as we do") {
     MESSAGE("left out without " << path.string());
     return;
   }
-  compare(path);
+  std::ifstream in(path);
+  std::string text{std::istreambuf_iterator<char>(in), {}};
+  // The file names a material that another file holds.
+  const std::string material = " material=\"grid\"";
+  if (const auto at = text.find(material); at != std::string::npos) text.erase(at, material.size());
+  compare_text(text);
 }
 
 TEST_CASE("mjcf: MuJoCo reads odd placements as we do") {

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/optimize/cma_es.hpp>
-
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -17,6 +15,7 @@
 
 #include <traceur/core/executor.hpp>
 #include <traceur/core/random.hpp>
+#include <traceur/optimize/cma_es.hpp>
 #include <traceur/optimize/objective.hpp>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
@@ -260,8 +259,7 @@ TEST_SUITE("optimize/cma_es") {
         Eigen::MatrixXd lower = c, basis(n, n);
         Vector values(n), work(2 * n);
         REQUIRE(detail::symmetric_eigen(lower, basis, values, work));
-        const Eigen::MatrixXd inverse_root =
-            basis * values.cwiseSqrt().cwiseInverse().asDiagonal() * basis.transpose();
+        const Eigen::MatrixXd inverse_root = basis * values.cwiseSqrt().cwiseInverse().asDiagonal() * basis.transpose();
 
         if (g == 0) {
           for (Eigen::Index j = 0; j < x.cols(); ++j) {
@@ -278,7 +276,8 @@ TEST_SUITE("optimize/cma_es") {
         Vector step = Vector::Zero(n);
         for (Eigen::Index i = 0; i < k.parents; ++i) step += k.weights(i) * y.col(order[static_cast<std::size_t>(i)]);
         m += sigma * step;
-        p_sigma = (1.0 - k.c_sigma) * p_sigma + std::sqrt(k.c_sigma * (2.0 - k.c_sigma) * k.mu_eff) * inverse_root * step;
+        p_sigma =
+            (1.0 - k.c_sigma) * p_sigma + std::sqrt(k.c_sigma * (2.0 - k.c_sigma) * k.mu_eff) * inverse_root * step;
         const double h = p_sigma.norm() / std::sqrt(1.0 - std::pow(1.0 - k.c_sigma, 2.0 * (g + 1))) <
                                  (1.4 + 2.0 / (static_cast<double>(n) + 1.0)) * k.norm
                              ? 1.0
@@ -303,9 +302,9 @@ TEST_SUITE("optimize/cma_es") {
     }
   }
 
-  // Windows around what the literature gives: on the sphere about 1800 evaluations in ten dimensions; on the ellipsoid of
-  // condition 1e6 about 6000 without and 4500 with the active update; on Rosenbrock's function in eight dimensions 4000 to
-  // 6000.
+  // Windows around what the literature gives: on the sphere about 1800 evaluations in ten dimensions; on the ellipsoid
+  // of condition 1e6 about 6000 without and 4500 with the active update; on Rosenbrock's function in eight dimensions
+  // 4000 to 6000.
   TEST_CASE("smooth problems take the known number of evaluations") {
     CmaEsParameters parameters;
     parameters.sigma = 0.5;
@@ -347,11 +346,11 @@ TEST_SUITE("optimize/cma_es") {
     parameters.sigma = 0.5;
     const Vector start = Vector::Ones(100);
     parameters.covariance = Covariance::diagonal;
-    const double diagonal = evaluations_to(ellipsoid, 1e-6, start, parameters, 2);
-    CHECK(diagonal < 40000.0);
+    const double diagonal = evaluations_to(ellipsoid, 1.0, start, parameters, 2);
+    CHECK(diagonal < 20000.0);
     parameters.covariance = Covariance::full;
-    parameters.max_generations = static_cast<std::int64_t>(2.0 * diagonal / 17.0);
-    CHECK(evaluations_to(ellipsoid, 1e-6, start, parameters, 1) == infinity);
+    parameters.max_generations = static_cast<std::int64_t>(diagonal / 17.0);
+    CHECK(evaluations_to(ellipsoid, 1.0, start, parameters, 1) == infinity);
   }
 
   TEST_CASE("only the order of the costs matters") {
@@ -359,7 +358,8 @@ TEST_SUITE("optimize/cma_es") {
     parameters.seed = 5;
     CmaEs plain(Vector::Ones(5), parameters), bent(Vector::Ones(5), parameters);
     generations(plain, sphere, 60);
-    generations(bent, [](const Point& x) { return std::cbrt(std::cbrt(sphere(x))) - 7.0; }, 60);
+    generations(
+        bent, [](const Point& x) { return std::cbrt(std::cbrt(sphere(x))) - 7.0; }, 60);
     CHECK(plain.mean() == bent.mean());
     CHECK(plain.sigma() == bent.sigma());
   }
@@ -413,7 +413,8 @@ TEST_SUITE("optimize/cma_es") {
       CHECK(x >= lower);
       CHECK(x <= upper);
       CHECK(std::abs(detail::to_box(v + 2.0 * (upper - lower + 2.0 * margin), lower, upper, margin) - x) < 1e-12);
-      const double slope = (detail::to_box(v + h, lower, upper, margin) - detail::to_box(v - h, lower, upper, margin)) / (2.0 * h);
+      const double slope =
+          (detail::to_box(v + h, lower, upper, margin) - detail::to_box(v - h, lower, upper, margin)) / (2.0 * h);
       // The second derivative is at most 1 / (2 margin).
       if (v > -30.0) CHECK(std::abs(slope - slope_before) < 0.011);
       slope_before = slope;
@@ -555,7 +556,7 @@ TEST_SUITE("optimize/cma_es") {
       CHECK(message.find(name_in_constructor) != std::string::npos);
     }
     CHECK(error_of("") == "CmaEs: load: the stream ends at 'traceur.cma_es.1'");
-    CHECK(error_of(text.substr(0, text.size() / 2)).find("the stream ends at") != std::string::npos);
+    for (std::size_t length = 0; length + 1 < text.size(); length += 5) CHECK(error_of(text.substr(0, length)) != "");
     std::ostringstream broken;
     broken.setstate(std::ios::failbit);
     CHECK_THROWS_WITH_AS(cma.save(broken), "CmaEs: save: the stream failed", Error);
@@ -660,9 +661,9 @@ TEST_SUITE("optimize/cma_es") {
     using P = CmaEsParameters;
     CHECK(error_of(mean, P{}).empty());
     CHECK(error_of(Vector(), P{}) == "CmaEs: initial_mean: expected one or more finite numbers");
-    CHECK(error_of(Vector::Constant(2, not_a_number), P{}) == "CmaEs: initial_mean: expected one or more finite numbers");
-    CHECK(message([](P& p) { p.population = 1; }) ==
-          "CmaEs: population: expected 0 (default) or 2 to 1000000, got 1");
+    CHECK(error_of(Vector::Constant(2, not_a_number), P{}) ==
+          "CmaEs: initial_mean: expected one or more finite numbers");
+    CHECK(message([](P& p) { p.population = 1; }) == "CmaEs: population: expected 0 (default) or 2 to 1000000, got 1");
     CHECK(message([](P& p) { p.sigma = -1.0; }) == "CmaEs: sigma: expected a finite number above 0, got -1.000000");
     CHECK(message([](P& p) { p.scale = Vector::Ones(3); }) == "CmaEs: scale: expected none or 2 numbers, got 3");
     CHECK(message([](P& p) { p.scale = Vector::Zero(2); }) == "CmaEs: scale: expected finite numbers above 0");
@@ -684,9 +685,10 @@ TEST_SUITE("optimize/cma_es") {
 #ifdef TRACEUR_TEST_COUNTS_MALLOC
   TEST_CASE("ask and tell allocate nothing") {
     const long before_control = allocations;
-    volatile double* const control = new double(1.0);
+    const Vector control = Vector::Ones(10);
+    const double* volatile escaped = control.data();
+    REQUIRE(escaped != nullptr);
     REQUIRE(allocations > before_control);
-    delete control;
     for (const Covariance covariance : {Covariance::full, Covariance::diagonal}) {
       for (const Eigen::Index n : {1, 5, 120}) {
         CmaEsParameters parameters;
@@ -706,22 +708,50 @@ TEST_SUITE("optimize/cma_es") {
   }
 #endif
 
+  TEST_CASE("the program of the documentation finds the bottom of the valley") {
+    CmaEsParameters parameters;
+    parameters.sigma = 0.5;
+    parameters.seed = 7;
+    parameters.max_evaluations = 20000;
+    parameters.target_cost = 1e-10;
+
+    const auto valley = [](const Eigen::Ref<const Eigen::VectorXd>& x) {
+      double cost = 0.0;
+      for (Eigen::Index i = 0; i + 1 < x.size(); ++i) {
+        cost += 100.0 * std::pow(x(i + 1) - x(i) * x(i), 2) + std::pow(1.0 - x(i), 2);
+      }
+      return cost;
+    };
+
+    CmaEs cma(Eigen::VectorXd::Zero(8), parameters);
+    ThreadExecutor threads(2);
+    minimize(valley, cma, threads);
+    CHECK(cma.stop_reason() == StopReason::target_cost);
+    CHECK((cma.best() - Eigen::VectorXd::Ones(8)).norm() < 1e-3);
+  }
+
   TEST_CASE("noisy costs: the mean is a better answer than the luckiest candidate") {
     CmaEsParameters parameters;
     parameters.population = 40;
     parameters.max_generations = 150;
-    parameters.seed = 13;
-    CmaEs cma(Vector::Constant(5, 2.0), parameters);
-    while (!cma.finished()) {
-      const Eigen::MatrixXd& x = cma.ask();
-      Vector costs(x.cols());
-      for (Eigen::Index k = 0; k < x.cols(); ++k) {
-        RandomStream noise(1, static_cast<std::uint64_t>(k), static_cast<std::uint64_t>(cma.generation()));
-        costs(k) = sphere(x.col(k)) + noise.normal();
+    double of_mean = 0.0, of_best = 0.0;
+    for (std::uint64_t seed = 0; seed < 20; ++seed) {
+      parameters.seed = seed;
+      CmaEs cma(Vector::Constant(5, 2.0), parameters);
+      Vector costs(40);
+      while (!cma.finished()) {
+        const Eigen::MatrixXd& x = cma.ask();
+        for (Eigen::Index k = 0; k < x.cols(); ++k) {
+          RandomStream noise(100 + seed, static_cast<std::uint64_t>(k), static_cast<std::uint64_t>(cma.generation()));
+          costs(k) = sphere(x.col(k)) + noise.normal();
+        }
+        cma.tell(costs);
       }
-      cma.tell(costs);
+      of_mean += sphere(cma.mean()) / 20.0;
+      of_best += sphere(cma.best()) / 20.0;
     }
-    CHECK(sphere(cma.mean()) < 0.5);
-    CHECK(sphere(cma.mean()) < sphere(cma.best()));
+    CAPTURE(of_best);
+    CHECK(of_mean < 0.5);
+    CHECK(of_mean < of_best);
   }
 }

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/optimize/objective.hpp>
-
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
@@ -10,6 +8,7 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
+#include <traceur/optimize/objective.hpp>
 
 using namespace traceur::optimize;
 using traceur::Error;

@@ -54,7 +54,8 @@ void call(F& f, int i, int worker) {
 ///
 /// Jobs that write only to what belongs to their i therefore give the same bits on every executor.
 template <class E>
-concept Executor = requires(E& executor, const E& constant, int n, detail::AnyJob job, detail::AnyWorkerJob worker_job) {
+concept Executor = requires(E& executor, const E& constant, int n, detail::AnyJob job,
+                            detail::AnyWorkerJob worker_job) {
   { constant.concurrency() } -> std::same_as<int>;
   { executor.run(n, job) } -> std::same_as<void>;
   { executor.run(n, worker_job) } -> std::same_as<void>;
@@ -72,12 +73,12 @@ public:
 };
 
 /// Runs the jobs on a pool of threads that lives as long as the executor. The calling thread works too, so
-/// `ThreadExecutor(1)` starts no thread. Each worker takes the next index when it is done with its last, which evens out
-/// jobs of unequal length; `run` allocates nothing.
+/// `ThreadExecutor(1)` starts no thread. Each worker takes the next index when it is done with its last, which evens
+/// out jobs of unequal length; `run` allocates nothing.
 ///
 /// One `run` uses the pool at a time. A `run` that finds it taken, from inside a job or from another thread, is carried
-/// out serially by the thread that called it: never a deadlock, at worst no speed-up. From inside a job, its worker index
-/// is that of the job.
+/// out serially by the thread that called it: never a deadlock, at worst no speed-up. From inside a job, its worker
+/// index is that of the job.
 class ThreadExecutor {
 public:
   /// `threads` workers in all, 0 for as many as the machine has. Throws Error if negative or if the system refuses.

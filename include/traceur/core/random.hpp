@@ -13,9 +13,9 @@
 
 namespace traceur::core {
 
-/// The keyed bijection Philox4x32-10 on 128-bit blocks: Salmon, Moraes, Dror and Shaw, "Parallel Random Numbers: As Easy
-/// as 1, 2, 3", SC 2011, section 3.3. Counting up through `counter` with a fixed `key` gives 2^128 blocks that pass
-/// BigCrush. Words are least significant first.
+/// The keyed bijection Philox4x32-10 on 128-bit blocks: Salmon, Moraes, Dror and Shaw, "Parallel Random Numbers: As
+/// Easy as 1, 2, 3", SC 2011, section 3.3. Counting up through `counter` with a fixed `key` gives 2^128 blocks that
+/// pass BigCrush. Words are least significant first.
 constexpr std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> counter,
                                                   std::array<std::uint32_t, 2> key) noexcept {
   for (int round = 0; round < 10; ++round) {
@@ -40,8 +40,8 @@ constexpr std::array<std::uint32_t, 4> philox4x32(std::array<std::uint32_t, 4> c
 /// (stream, step), unique to that pair, is where counting starts; two of 2^32 streams of 2^32 draws overlap with a
 /// probability below 2^-31.
 ///
-/// The integers are the same on every machine. So are the uniforms; normals are as equal as the C library's `log`, `sin`
-/// and `cos` are.
+/// The integers are the same on every machine. So are the uniforms; normals are as equal as the C library's `log`,
+/// `sin` and `cos` are.
 class RandomStream {
 public:
   using result_type = std::uint32_t;

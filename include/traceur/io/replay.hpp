@@ -138,7 +138,7 @@ inline std::string replay_json_string(std::string_view text) {
     const auto byte = static_cast<unsigned char>(text[at]);
     if (length == 0) {
       out += "\\ufffd";
-    } else if (byte < 0x20 || byte == 0x7F || byte == '"' || byte == '\\' || byte == '<' || byte == '>' || byte == '&') {
+    } else if (byte < 0x20 || byte == 0x7F || std::string_view("\"\\<>&").find(text[at]) != std::string_view::npos) {
       out += "\\u00";
       out.push_back(hex[byte >> 4U]);
       out.push_back(hex[byte & 15U]);
@@ -284,8 +284,9 @@ inline void replay_check(const ReplayTerrain& terrain) {
   if (terrain.heights.empty()) return;
   if (terrain.nx < 1 || terrain.ny < 1 ||
       terrain.heights.size() != static_cast<std::size_t>(terrain.nx) * static_cast<std::size_t>(terrain.ny)) {
-    replay_fault("terrain", "heights holds " + std::to_string(terrain.heights.size()) + " numbers, expected nx x ny = " +
-                                std::to_string(terrain.nx) + " x " + std::to_string(terrain.ny));
+    replay_fault("terrain", "heights holds " + std::to_string(terrain.heights.size()) +
+                                " numbers, expected nx x ny = " + std::to_string(terrain.nx) + " x " +
+                                std::to_string(terrain.ny));
   }
   if (!std::isfinite(terrain.dx) || terrain.dx <= 0) replay_fault("terrain", "dx is not a positive number");
   if (!std::isfinite(terrain.x0) || !std::isfinite(terrain.y0)) replay_fault("terrain", "x0 or y0 is not finite");

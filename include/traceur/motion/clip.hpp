@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "traceur/body/pose.hpp"
@@ -64,18 +65,18 @@ struct Clip {
   /// The pose at reference time phi (s), limited to [0, duration], whether cyclic or not; `out` has nq numbers. A dual phi
   /// carries its derivative, except beyond the ends.
   template <class S>
-  void sample_within(const S& phi, S* out) const {
+  void sample_within(const std::type_identity_t<S>& phi, S* out) const {
     const Place at = place(core::plain(phi));
     const double begin = times[at.key], length = times[at.key + 1] - begin;
-    const S share = at.share > 0 && at.share < 1 ? S((phi - S(begin)) / S(length)) : limit_share(phi, at, begin, length);
+    const S share = at.share > 0 && at.share < 1 ? S((phi - S(begin)) / S(length)) : share_at_edge<S>(phi, at, begin, length);
     body::interpolate(skeleton, poses.col(at.key).data(), poses.col(at.key + 1).data(), share, out);
   }
 
   /// The pose at reference time phi (s), any real number, into `out` (nq numbers).
   template <class S>
-  void sample(const S& phi, S* out) const {
+  void sample(const std::type_identity_t<S>& phi, S* out) const {
     const double cycles = cyclic ? std::floor(core::plain(phi) / duration()) : 0.0;
-    sample_within<S>(cycles == 0 ? phi : S(phi - S(cycles * duration())), out);
+    sample_within(cycles == 0 ? phi : S(phi - S(cycles * duration())), out);
     if (cycles != 0) carry_root(cycles, out);
   }
   void sample(double phi, Eigen::Ref<Eigen::VectorXd> out) const { sample(phi, out.data()); }
@@ -146,7 +147,7 @@ struct Clip {
  private:
   // At a key the derivative is that of the interval that begins there; beyond the ends the pose is held.
   template <class S>
-  S limit_share(const S& phi, const Place& at, double begin, double length) const {
+  S share_at_edge(const S& phi, const Place& at, double begin, double length) const {
     const double plain = core::plain(phi);
     if (plain < 0 || plain > duration()) return S(at.share);
     return S((phi - S(begin)) / S(length));

@@ -23,9 +23,9 @@
 namespace traceur::optimize {
 
 /// What the search distribution can learn. `full`: any Gaussian; per generation O(n^2 population), and O(n^3) whenever
-/// the basis is renewed. `diagonal`: one variance per coordinate, O(n population), learnt (n + 2) / 3 times as fast; for
-/// separable problems and for n in the hundreds (Ros and Hansen, "A Simple Modification in CMA-ES Achieving Linear Time
-/// and Space Complexity", PPSN 2008).
+/// the basis is renewed. `diagonal`: one variance per coordinate, O(n population), learnt (n + 2) / 3 times as fast;
+/// for separable problems and for n in the hundreds (Ros and Hansen, "A Simple Modification in CMA-ES Achieving Linear
+/// Time and Space Complexity", PPSN 2008).
 enum class Covariance { full, diagonal };
 
 enum class StopReason {
@@ -98,8 +98,8 @@ struct CmaEsConstants {
   int renewal = 1;          ///< generations between two eigen-decompositions, appendix B.2
 };
 
-/// For dimension n >= 1 and population >= 2. A diagonal covariance has n instead of n (n + 1) / 2 degrees of freedom, so
-/// both learning rates of the covariance are (n + 2) / 3 times those of a full one (Ros and Hansen 2008, section 3).
+/// For dimension n >= 1 and population >= 2. A diagonal covariance has n instead of n (n + 1) / 2 degrees of freedom,
+/// so both learning rates of the covariance are (n + 2) / 3 times those of a full one (Ros and Hansen 2008, section 3).
 inline CmaEsConstants cma_es_constants(int dimension, int population, Covariance covariance, bool active) {
   CmaEsConstants k;
   const double n = dimension;
@@ -122,8 +122,8 @@ inline CmaEsConstants cma_es_constants(int dimension, int population, Covariance
   positive /= positive.sum();
   if (active && k.c_mu > 0.0) {
     // Eqs. 50 to 53: the last bound keeps the covariance positive definite.
-    const double sum = std::min({1.0 + k.c_1 / k.c_mu, 1.0 + 2.0 * mu_eff_negative / (k.mu_eff + 2.0),
-                                 (1.0 - k.c_1 - k.c_mu) / (n * k.c_mu)});
+    const double sum = std::min(
+        {1.0 + k.c_1 / k.c_mu, 1.0 + 2.0 * mu_eff_negative / (k.mu_eff + 2.0), (1.0 - k.c_1 - k.c_mu) / (n * k.c_mu)});
     negative *= sum / -negative.sum();
   } else {
     negative.setZero();
@@ -136,10 +136,10 @@ inline CmaEsConstants cma_es_constants(int dimension, int population, Covariance
 namespace detail {
 
 /// Eigenvalues (`values`, n, in no order) and orthonormal eigenvectors (columns of `vectors`, n by n) of the symmetric
-/// matrix whose lower triangle is in `a` (n by n, overwritten). `work` holds 2 n numbers. Householder tridiagonalisation
-/// and implicit symmetric QR steps with Wilkinson's shift: Golub and Van Loan, "Matrix Computations", sections 8.3.1 to
-/// 8.3.3. Written here because Eigen's solver allocates and takes ten seconds to compile. Returns false if it does not
-/// converge, as with numbers that are not finite.
+/// matrix whose lower triangle is in `a` (n by n, overwritten). `work` holds 2 n numbers. Householder
+/// tridiagonalisation and implicit symmetric QR steps with Wilkinson's shift: Golub and Van Loan, "Matrix
+/// Computations", sections 8.3.1 to 8.3.3. Written here because Eigen's solver allocates and takes ten seconds to
+/// compile. Returns false if it does not converge, as with numbers that are not finite.
 inline bool symmetric_eigen(Eigen::MatrixXd& a, Eigen::MatrixXd& vectors, Eigen::VectorXd& values,
                             Eigen::VectorXd& work) noexcept {
   const Eigen::Index n = a.rows();
@@ -225,8 +225,8 @@ inline bool symmetric_eigen(Eigen::MatrixXd& a, Eigen::MatrixXd& vectors, Eigen:
   return values.allFinite();
 }
 
-/// A smooth map of the real line onto [lower, upper]: the identity but for a margin of width `margin` inside each finite
-/// bound, where a parabola that is flat at the bound replaces it, and mirrored beyond:
+/// A smooth map of the real line onto [lower, upper]: the identity but for a margin of width `margin` inside each
+/// finite bound, where a parabola that is flat at the bound replaces it, and mirrored beyond:
 ///
 ///      upper ........_.-'''-._............
 ///                 .-'         '-.            slope 1 between the margins, 0 at the bounds
@@ -261,8 +261,8 @@ inline double from_box(double x, double lower, double upper, double margin) noex
   return x;
 }
 
-/// Writes fields as lines `name count words...`, each word the 64 bits of a number in hexadecimal: exact, and the same in
-/// every locale.
+/// Writes fields as lines `name count words...`, each word the 64 bits of a number in hexadecimal: exact, and the same
+/// in every locale.
 class StateWriter {
 public:
   explicit StateWriter(std::ostream& out) : out_(out) {}
@@ -387,9 +387,9 @@ private:
 
 }  // namespace detail
 
-/// CMA-ES, the evolution strategy with covariance matrix adaptation, for costs R^n -> R without derivatives: Hansen, "The
-/// CMA Evolution Strategy: A Tutorial", arXiv:1604.00772 (2016), figure 6 and eqs. 38 to 47, with the active update. Only
-/// the order of the costs matters.
+/// CMA-ES, the evolution strategy with covariance matrix adaptation, for costs R^n -> R without derivatives: Hansen,
+/// "The CMA Evolution Strategy: A Tutorial", arXiv:1604.00772 (2016), figure 6 and eqs. 38 to 47, with the active
+/// update. Only the order of the costs matters.
 ///
 /// In each generation, candidates x_k = m + sigma y_k, y_k ~ N(0, C), are asked for, judged by the user, and told:
 ///
@@ -401,8 +401,8 @@ private:
 ///
 /// The normal numbers behind candidate k of generation g are those of RandomStream(seed, k, g), so a run depends on
 /// nothing but its parameters and costs. The search itself takes place in coordinates divided by `scale`; with bounds,
-/// `detail::to_box` maps its points into the box, with margins of one initial standard deviation, at most a quarter of the
-/// box.
+/// `detail::to_box` maps its points into the box, with margins of one initial standard deviation, at most a quarter of
+/// the box.
 ///
 /// Once constructed, `ask` and `tell` allocate no memory, except in the generation before a restart.
 class CmaEs {
@@ -419,8 +419,7 @@ public:
     const double infinity = std::numeric_limits<double>::infinity();
     if (parameters_.lower.size() == 0) parameters_.lower.setConstant(n, -infinity);
     if (parameters_.upper.size() == 0) parameters_.upper.setConstant(n, infinity);
-    margin_ = (parameters_.sigma * parameters_.scale)
-                  .cwiseMin(0.25 * (parameters_.upper - parameters_.lower));
+    margin_ = (parameters_.sigma * parameters_.scale).cwiseMin(0.25 * (parameters_.upper - parameters_.lower));
     start_.resize(n);
     for (Eigen::Index i = 0; i < n; ++i) {
       start_(i) = detail::from_box(initial_mean_(i), parameters_.lower(i), parameters_.upper(i), margin_(i)) /
@@ -449,13 +448,14 @@ public:
     begin_run();
   }
 
-  /// The candidates of this generation, n by population, one per column. The same ones until `tell`. Throws Error if the
-  /// search has stopped.
+  /// The candidates of this generation, n by population, one per column. The same ones until `tell`. Throws Error if
+  /// the search has stopped.
   const Eigen::MatrixXd& ask() {
     if (finished()) throw Error(std::string("CmaEs: ask after the search stopped: ") + name(stop_reason_));
     if (asked_) return candidates_;
     for (Eigen::Index k = 0; k < candidates_.cols(); ++k) {
-      core::RandomStream random(parameters_.seed, static_cast<std::uint64_t>(k), static_cast<std::uint64_t>(generation_));
+      core::RandomStream random(parameters_.seed, static_cast<std::uint64_t>(k),
+                                static_cast<std::uint64_t>(generation_));
       auto z = normals_.col(k);
       for (Eigen::Index i = 0; i < z.size(); ++i) z(i) = random.normal();
       vector_ = lengths_.cwiseProduct(z);
@@ -471,10 +471,10 @@ public:
     return candidates_;
   }
 
-  /// Takes the costs of the candidates last asked for, in their order. Costs that are not finite, of whatever sign, rank
-  /// below all others; among equals the earlier candidate ranks higher. A generation without any finite cost says nothing:
-  /// it counts as a generation, but the distribution stays. Throws Error without a preceding `ask`, or if the number of
-  /// costs is not that of the candidates.
+  /// Takes the costs of the candidates last asked for, in their order. Costs that are not finite, of whatever sign,
+  /// rank below all others; among equals the earlier candidate ranks higher. A generation without any finite cost says
+  /// nothing: it counts as a generation, but the distribution stays. Throws Error without a preceding `ask`, or if the
+  /// number of costs is not that of the candidates.
   void tell(const Eigen::Ref<const Eigen::VectorXd>& costs) {
     if (!asked_) throw Error("CmaEs: tell without a preceding ask");
     if (costs.size() != population()) {
@@ -556,8 +556,8 @@ public:
     if (!out.flush()) throw Error("CmaEs: save: the stream failed");
   }
 
-  /// Continues what `save` wrote, to the same bits. Throws Error that names the field that is missing, misshapen or out of
-  /// range.
+  /// Continues what `save` wrote, to the same bits. Throws Error that names the field that is missing, misshapen or out
+  /// of range.
   static CmaEs load(std::istream& in) {
     detail::StateReader reader(in);
     reader.expect(format);
@@ -650,14 +650,15 @@ private:
             "0 (default) or 2 to 1000000, " + integer(p.population));
     require(std::isfinite(p.sigma) && p.sigma > 0.0, "sigma", "a finite number above 0, " + number(p.sigma));
     length("scale", p.scale);
-    require(p.scale.size() == 0 || (p.scale.allFinite() && p.scale.minCoeff() > 0.0), "scale", "finite numbers above 0");
+    require(p.scale.size() == 0 || (p.scale.allFinite() && p.scale.minCoeff() > 0.0), "scale",
+            "finite numbers above 0");
     length("lower", p.lower);
     length("upper", p.upper);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double lower = p.lower.size() > 0 ? p.lower(i) : -std::numeric_limits<double>::infinity();
       const double upper = p.upper.size() > 0 ? p.upper(i) : std::numeric_limits<double>::infinity();
-      const std::string where = " in coordinate " + std::to_string(i) + ", got " + std::to_string(lower) + " and " +
-                                std::to_string(upper);
+      const std::string where =
+          " in coordinate " + std::to_string(i) + ", got " + std::to_string(lower) + " and " + std::to_string(upper);
       require(lower < upper && lower < std::numeric_limits<double>::infinity() &&
                   upper > -std::numeric_limits<double>::infinity(),
               "lower", "less than upper" + where);
@@ -779,8 +780,7 @@ private:
     path_sigma_ = (1.0 - k.c_sigma) * path_sigma_ + std::sqrt(k.c_sigma * (2.0 - k.c_sigma) * k.mu_eff) * whitened_;
     const double path_length = path_sigma_.norm();
     const double settled = 1.0 - std::pow(1.0 - k.c_sigma, 2.0 * static_cast<double>(run_generation_));
-    const bool steady =
-        path_length / std::sqrt(settled) < (1.4 + 2.0 / (static_cast<double>(n) + 1.0)) * k.norm;
+    const bool steady = path_length / std::sqrt(settled) < (1.4 + 2.0 / (static_cast<double>(n) + 1.0)) * k.norm;
     path_ *= 1.0 - k.c_c;
     if (steady) path_ += std::sqrt(k.c_c * (2.0 - k.c_c) * k.mu_eff) * mean_step_;
 
@@ -824,8 +824,8 @@ private:
   // Keeps the last good basis if there is no new one; `judge` stops the run then.
   void renew_basis() {
     decomposed_ = covariance_;
-    decomposition_failed_ = !detail::symmetric_eigen(decomposed_, eigenvectors_, eigenvalues_, work_) ||
-                            !(eigenvalues_.minCoeff() > 0.0);
+    decomposition_failed_ =
+        !detail::symmetric_eigen(decomposed_, eigenvectors_, eigenvalues_, work_) || !(eigenvalues_.minCoeff() > 0.0);
     if (decomposition_failed_) return;
     basis_.swap(eigenvectors_);
     lengths_ = eigenvalues_.cwiseSqrt();
@@ -880,8 +880,8 @@ private:
   Eigen::VectorXd start_;
   Eigen::VectorXd margin_;
 
-  // The search distribution, C = B diag(lengths)^2 B^T as of the last decomposition. Of a full covariance only the lower
-  // triangle is kept up; a diagonal one is a column.
+  // The search distribution, C = B diag(lengths)^2 B^T as of the last decomposition. Of a full covariance only the
+  // lower triangle is kept up; a diagonal one is a column.
   Eigen::VectorXd mean_;
   double sigma_ = 0.0;
   Eigen::MatrixXd covariance_;

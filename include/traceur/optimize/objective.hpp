@@ -26,8 +26,8 @@ concept WorkerObjective = requires(F& f, const Eigen::Ref<const Eigen::VectorXd>
   { f(x, worker) } -> std::convertible_to<double>;
 };
 
-/// An objective that judges the columns of x (n by batch) at once and writes one cost each: `f(x, costs)`. Law: each cost
-/// depends on its column alone.
+/// An objective that judges the columns of x (n by batch) at once and writes one cost each: `f(x, costs)`. Law: each
+/// cost depends on its column alone.
 template <class F>
 concept BatchObjective = requires(F& f, const Eigen::Ref<const Eigen::MatrixXd>& x, Eigen::Ref<Eigen::VectorXd> costs) {
   { f(x, costs) } -> std::same_as<void>;
@@ -37,9 +37,11 @@ template <class F>
 concept AnyObjective = Objective<F> || WorkerObjective<F> || BatchObjective<F>;
 
 /// Writes the cost of each column of `x` (n by batch) to `costs` (batch). A batch objective gets the whole batch in one
-/// call, the others one job per column; the result is the same bits on every executor. Throws Error if the sizes differ.
+/// call, the others one job per column; the result is the same bits on every executor. Throws Error if the sizes
+/// differ.
 template <AnyObjective F, core::Executor E>
-void evaluate(F& objective, const Eigen::Ref<const Eigen::MatrixXd>& x, Eigen::Ref<Eigen::VectorXd> costs, E& executor) {
+void evaluate(F& objective, const Eigen::Ref<const Eigen::MatrixXd>& x, Eigen::Ref<Eigen::VectorXd> costs,
+              E& executor) {
   if (costs.size() != x.cols()) {
     throw Error("evaluate: expected one cost for each of the " + std::to_string(x.cols()) + " columns, got room for " +
                 std::to_string(costs.size()));
@@ -57,11 +59,10 @@ void evaluate(F& objective, const Eigen::Ref<const Eigen::MatrixXd>& x, Eigen::R
   }
 }
 
-/// A batch objective made of an objective of one column and the executor that runs the columns. Keeps a reference to the
-/// executor.
+/// A batch objective made of an objective of one column and the executor that runs the columns. Keeps a reference to
+/// the executor.
 template <class F, core::Executor E>
-  requires(Objective<F> || WorkerObjective<F>)
-class Batched {
+requires(Objective<F> || WorkerObjective<F>) class Batched {
 public:
   Batched(F objective, E& executor) : objective_(std::move(objective)), executor_(&executor) {}
 
@@ -74,8 +75,8 @@ private:
   E* executor_;
 };
 
-/// An objective made of a batch objective, which it calls with one column. Its calls may overlap in time only if those of
-/// the batch objective may.
+/// An objective made of a batch objective, which it calls with one column. Its calls may overlap in time only if those
+/// of the batch objective may.
 template <BatchObjective F>
 class Single {
 public:
@@ -103,8 +104,8 @@ concept AskTellOptimizer = requires(O& optimizer, const O& constant, const Eigen
   { constant.best_cost() } -> std::convertible_to<double>;
 };
 
-/// Asks, evaluates and tells until the optimizer has finished. Returns the best cost. What the objective throws comes out
-/// here and leaves the optimizer as it was before that generation's `tell`.
+/// Asks, evaluates and tells until the optimizer has finished. Returns the best cost. What the objective throws comes
+/// out here and leaves the optimizer as it was before that generation's `tell`.
 template <AnyObjective F, AskTellOptimizer O, core::Executor E>
 double minimize(F&& objective, O& optimizer, E& executor) {
   Eigen::VectorXd costs;

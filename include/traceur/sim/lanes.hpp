@@ -165,7 +165,7 @@ class Lanes {
           const S radius = constant(sphere.radius);
           const Vector3 point = k.position + center;
           if (core::any(point.z < S(ground_->highest()) + radius)) {
-            const GroundSample<S> sample = ground_->sample(point);
+            const GroundSample<S> sample = ground_->sample(point, static_cast<T>(sphere.radius));
             w.depth = radius - sample.distance;
             if (core::any(w.depth > constant(0))) {
               w.active = true;

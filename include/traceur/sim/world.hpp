@@ -79,6 +79,8 @@ class World {
   /// Advances only the group of lanes [group x width, ...) by `count` steps: the unit of work for callers that schedule.
   void step_group(int index, int count) { groups_[static_cast<std::size_t>(index)].step(count); }
   static constexpr int group_width() { return width; }
+  /// A whole group of lanes, for kernels that work on packs: lanes [index x width, (index + 1) x width).
+  Lanes<S>& group_lanes(int index) { return groups_[static_cast<std::size_t>(index)]; }
   int groups() const { return static_cast<int>(groups_.size()); }
 
   template <class Q>

@@ -169,12 +169,6 @@ inline bool plausible_unit(const Anatomy& a, double unit) {
   return height >= shortest_person && height <= tallest_person && trunk >= 0.25 * shortest_person && trunk <= 0.65 * tallest_person;
 }
 
-inline std::string short_number(double v) {
-  char buffer[32];
-  std::snprintf(buffer, sizeof buffer, "%.4g", v);
-  return buffer;
-}
-
 /// The only known unit in which the skeleton is as tall as a person. Throws Error that names the option `unit`.
 inline Unit guess_unit(const Anatomy& a, const std::string& where) {
   const std::string option = "; set the option unit (metres in one unit of the file)";

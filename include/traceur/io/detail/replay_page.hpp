@@ -33,22 +33,24 @@ html, body { margin: 0; height: 100%; overflow: hidden; background: var(--back);
   font: 13px/1.4 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", sans-serif; }
 canvas { position: fixed; inset: 0; width: 100%; height: 100%; display: block; touch-action: none; cursor: grab; }
 canvas:active { cursor: grabbing; }
-.panel { position: fixed; background: var(--panel); border: 1px solid var(--edge); border-radius: 10px;
+.panel { background: var(--panel); border: 1px solid var(--edge); border-radius: 10px;
   backdrop-filter: blur(9px); -webkit-backdrop-filter: blur(9px); }
-#about { top: 12px; left: 12px; padding: 9px 13px; max-width: min(340px, calc(100vw - 24px)); max-height: 55vh;
-  overflow: auto; }
+#head { position: fixed; top: 12px; left: 12px; right: 12px; display: flex; flex-wrap: wrap; gap: 8px;
+  justify-content: space-between; align-items: flex-start; pointer-events: none; }
+#head > * { pointer-events: auto; }
+#about { padding: 9px 13px; max-width: min(340px, calc(100vw - 24px)); max-height: 55vh; overflow: auto; }
 #about h1 { font-size: 15px; line-height: 1.3; font-weight: 650; margin: 0; overflow-wrap: anywhere; }
 #about summary { cursor: pointer; color: var(--soft); margin-top: 3px; }
 #about table { border-collapse: collapse; margin-top: 4px; width: 100%; }
 #about td { padding: 2px 0; vertical-align: top; overflow-wrap: anywhere; }
 #about td:first-child { color: var(--soft); padding-right: 14px; }
 #about td:last-child { text-align: right; font-variant-numeric: tabular-nums; }
-#legend { top: 12px; right: 12px; padding: 6px; display: flex; flex-direction: column; gap: 2px; max-width: 260px; }
+#legend { padding: 6px; display: flex; flex-direction: column; gap: 2px; max-width: 260px; max-height: 45vh; overflow: auto;
+  margin-left: auto; }
 #legend button { text-align: left; display: flex; gap: 8px; align-items: center; border-color: transparent; }
 #legend button[aria-pressed=false] { opacity: .45; }
 #legend i { width: 12px; height: 12px; border-radius: 4px; flex: none; }
-#legend small { color: var(--soft); padding: 0 8px; }
-#bar { left: 12px; right: 12px; bottom: 12px; padding: 7px 10px 8px; }
+#bar { position: fixed; left: 12px; right: 12px; bottom: 12px; padding: 7px 10px 8px; }
 #row { display: flex; flex-wrap: wrap; gap: 6px 8px; align-items: center; }
 #line { position: relative; }
 #scrub { width: 100%; margin: 0 0 4px; display: block; }
@@ -65,20 +67,23 @@ button[aria-pressed=true]:not(#legend button) { border-color: var(--accent); col
 #time { min-width: 112px; }
 #speed_text { min-width: 42px; color: var(--soft); }
 .grow { flex: 1; }
-#help { inset: 0; margin: auto; width: min(430px, calc(100vw - 24px)); height: fit-content; max-height: calc(100vh - 24px);
+#help { position: fixed; inset: 0; margin: auto; width: min(430px, calc(100vw - 24px)); height: fit-content; max-height: calc(100vh - 24px);
   overflow: auto; padding: 14px 18px; z-index: 3; }
 #help h2 { margin: 0 0 6px; font-size: 14px; }
 #help td { padding: 2px 14px 2px 0; vertical-align: top; }
 kbd { font: 12px ui-monospace, monospace; border: 1px solid var(--edge); border-radius: 4px; padding: 0 5px; }
 #tip { position: fixed; padding: 1px 7px; font-size: 12px; pointer-events: none; z-index: 2; }
 [hidden] { display: none !important; }
-@media (max-width: 640px) { #legend { top: auto; bottom: 118px; } #time { min-width: 0; } #speed { width: 70px; } }
+@media (max-width: 640px) { #legend { flex-direction: row; flex-wrap: wrap; max-width: 100%; margin-left: 0; }
+  #time { min-width: 0; } #speed { width: 70px; } }
 </style>
 </head>
 <body>
 <canvas id="view" role="img" aria-label="Animated figures; the controls are below"></canvas>
+<div id="head">
 <div id="about" class="panel"><h1 id="title"></h1><details id="facts" open><summary>Facts</summary><table><tbody id="fact_rows"></tbody></table></details></div>
 <div id="legend" class="panel"></div>
+</div>
 <div id="bar" class="panel">
   <div id="line"><div id="marks"></div><input id="scrub" type="range" min="0" max="1" step="any" value="0" aria-label="Time"></div>
   <div id="row">
@@ -337,7 +342,7 @@ function add_body(out, track, shift, look) {
   const of = b => [pose[7 * b + 3], pose[7 * b + 4], pose[7 * b + 5], pose[7 * b + 6]];
   // The right side is a shade darker, so that legs which cross stay apart for the eye.
   const shade = rig.bodies.map(b => {
-    const right = /^(right|r(?=[_\-. A-Z]))|right$|[_\-. ]r$/i.test(b.name) && !/^r[a-z]/.test(b.name.replace(/^right/, "R_"));
+    const right = /^right|[_\-. ]right$|^r[_\-. ]|[_\-. ]r$/i.test(b.name) || /^[rR][A-Z][a-z]/.test(b.name);
     return track.color.map(c => c * (right ? 0.78 : 1));
   });
   const label = b => rig.bodies[b].name + " (" + track.name + ")";
@@ -612,6 +617,10 @@ function terrain_mesh() {
     for (const [di, dj, ax, ay, bx, by] of [[1, 0, X, y, X, Y], [-1, 0, x, Y, x, y], [0, 1, X, Y, x, Y], [0, -1, x, y, X, y]]) {
       const low = t.at(i + di, j + dj);
       if (low < h) quads.push([[ax, ay, low, 0.6], [bx, by, low, 0.6], [bx, by, h, 1], [ax, ay, h, 1], [di, dj, 0]]);
+      // Seen from above a step has no wall; a dark rim shows where it ends.
+      const rim = Math.min(0.014, t.dx / 4), lift = h + 0.0015;
+      if (h - low > 0.01) quads.push([[ax, ay, lift, 0.35], [bx, by, lift, 0.35], [bx - di * rim, by - dj * rim, lift, 0.35],
+        [ax - di * rim, ay - dj * rim, lift, 0.35], [0, 0, 1]]);
       // Where the terrain ends below the plane around it, the plane's edge shows.
       const outside = i + di < 0 || j + dj < 0 || i + di >= t.nx || j + dj >= t.ny;
       if (outside && low > h) quads.push([[bx, by, h, 0.6], [ax, ay, h, 0.6], [ax, ay, low, 1], [bx, by, low, 1], [-di, -dj, 0]]);
@@ -902,6 +911,10 @@ function canvas_painter(canvas) {
           if (c.eye[2] > h) {
             const odd = (Math.floor(middle[0]) + Math.floor(middle[1])) % 2 !== 0;
             polygon([[x, y, h], [X, y, h], [X, Y, h], [x, Y, h]], css(hazed(tone(h, odd), depth)), 0.7);
+            // Seen from above a step has no wall, only an edge.
+            for (const [di, dj, ax, ay, bx, by] of [[1, 0, X, y, X, Y], [-1, 0, x, Y, x, y], [0, 1, X, Y, x, Y], [0, -1, x, y, X, y]]) {
+              if (h - t.at(i + di, j + dj) > 0.01) line([ax, ay, h], [bx, by, h], css(hazed(p.wall, depth)), 1.2);
+            }
           }
         }});
       }

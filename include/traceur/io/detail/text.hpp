@@ -29,7 +29,7 @@ constexpr double largest_number = 1e8;
 }
 
 /// A piece of a file fit for a one-line message: quoted, shortened, unprintable bytes replaced.
-inline std::string quoted(std::string_view token) {
+inline std::string shown(std::string_view token) {
   std::string out = "'";
   for (const char c : token.substr(0, 40)) out += (c < ' ' || c == '\x7f') ? '?' : c;
   return out + (token.size() > 40 ? "...'" : "'");
@@ -140,15 +140,22 @@ inline double next_number(std::string_view& line, std::string_view where, int nu
   const std::string_view word = next_word(line);
   if (word.empty()) fail(where, number, field + ": expected a number, found the end of the line");
   double value = 0;
-  if (!to_double(word, value)) fail(where, number, field + ": expected a number, found " + quoted(word));
+  if (!to_double(word, value)) fail(where, number, field + ": expected a number, found " + shown(word));
   if (!(std::abs(value) <= largest_number))
-    fail(where, number, field + ": expected a finite number below 1e8, found " + quoted(word));
+    fail(where, number, field + ": expected a finite number below 1e8, found " + shown(word));
   return value;
 }
 
 inline void expect_end(std::string_view line, std::string_view where, int number, const std::string& field) {
   const std::string_view word = next_word(line);
-  if (!word.empty()) fail(where, number, field + ": expected the end of the line, found " + quoted(word));
+  if (!word.empty()) fail(where, number, field + ": expected the end of the line, found " + shown(word));
+}
+
+/// Four digits, for messages.
+inline std::string short_number(double v) {
+  char buffer[32];
+  std::snprintf(buffer, sizeof buffer, "%.4g", v);
+  return buffer;
 }
 
 /// Appends a number so that reading it back gives the same bits (`digits` 0) or with that many significant digits.

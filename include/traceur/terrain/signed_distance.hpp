@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+#include "traceur/core/pack.hpp"
+#include "traceur/core/vector3.hpp"
+#include "traceur/terrain/height_grid.hpp"
+
+namespace traceur::terrain {
+
+/// Where a point is relative to the ground.
+template <class S>
+struct SurfaceSample {
+  S distance;               ///< to the nearest point of the surface, m; negative inside the ground
+  core::Vector3<S> normal;  ///< gradient of the distance: unit, out of the ground
+};
+
+namespace detail {
+
+/// The cell whose column (of ground, or of air for a point inside) is nearest.
+struct NearestCell {
+  int own_i, own_j;  ///< the cell the point is over
+  int i, j;
+  bool inside;
+};
+
+/// Why one search serves both sides: ground is the union of the columns below each cell's top, air the union of the columns
+/// above. Outside, the distance is that to the nearest column of ground; inside, that to the nearest column of air. Faces
+/// between neighbouring columns of ground, which are no surface, never enter.
+template <class T>
+inline NearestCell nearest_cell(const HeightTable<T>& t, T x, T y, T z) noexcept {
+  const int i0 = t.column(x), j0 = t.row(y);
+  const T own = t.height(i0, j0);
+  NearestCell best{i0, j0, i0, j0, z < own};
+  const T sign = best.inside ? T(-1) : T(1);
+  T best_squared = (z - own) * (z - own);
+  const T least = core::max(best.inside ? t.lowest - z : z - t.highest, T(0));
+  const T infinity = std::numeric_limits<T>::infinity();
+  const auto consider = [&](int i, int j, T across_squared) {
+    const T up = core::max(sign * (z - t.height(i, j)), T(0));
+    const T squared = across_squared + up * up;
+    if (squared < best_squared) {
+      best_squared = squared;
+      best.i = i;
+      best.j = j;
+    }
+  };
+  const auto across_x = [&](int i) {
+    return i < i0 ? core::max(x - t.edge_x(i + 1), T(0)) : i > i0 ? core::max(t.edge_x(i) - x, T(0)) : T(0);
+  };
+  const auto across_y = [&](int j) {
+    return j < j0 ? core::max(y - t.edge_y(j + 1), T(0)) : j > j0 ? core::max(t.edge_y(j) - y, T(0)) : T(0);
+  };
+  for (int k = 1;; ++k) {
+    const int west = i0 - k, east = i0 + k, south = j0 - k, north = j0 + k;
+    const T side[4] = {west >= 0 ? across_x(west) : infinity, east < t.nx ? across_x(east) : infinity,
+                       south >= 0 ? across_y(south) : infinity, north < t.ny ? across_y(north) : infinity};
+    const auto hopeless = [&](T r) { return !(r * r + least * least < best_squared); };
+    if (hopeless(side[0]) && hopeless(side[1]) && hopeless(side[2]) && hopeless(side[3])) return best;
+    const int j_low = south > 0 ? south : 0, j_high = north < t.ny ? north : t.ny - 1;
+    for (int s = 0; s < 2; ++s) {
+      if (hopeless(side[s])) continue;
+      for (int j = j_low; j <= j_high; ++j) {
+        const T r = across_y(j);
+        consider(s == 0 ? west : east, j, side[s] * side[s] + r * r);
+      }
+    }
+    const int i_low = west + 1 > 0 ? west + 1 : 0, i_high = east - 1 < t.nx ? east - 1 : t.nx - 1;
+    for (int s = 2; s < 4; ++s) {
+      if (hopeless(side[s])) continue;
+      for (int i = i_low; i <= i_high; ++i) {
+        const T r = across_x(i);
+        consider(i, s == 2 ? south : north, side[s] * side[s] + r * r);
+      }
+    }
+  }
+}
+
+/// One point: plain numbers and dual numbers.
+template <class S>
+inline SurfaceSample<S> surface_of_one(const HeightGrid& grid, const core::Vector3<S>& p) noexcept {
+  using std::sqrt;
+  using T = decltype(core::plain(p.x));
+  const HeightTable<T>& t = grid.table<T>();
+  const T x = core::plain(p.x), y = core::plain(p.y), z = core::plain(p.z);
+  const core::Vector3<S> up{S(0.0), S(0.0), S(1.0)};
+  if (!std::isfinite(x) || !std::isfinite(y) || !std::isfinite(z)) return {S(std::numeric_limits<double>::quiet_NaN()), up};
+  if (grid.is_flat()) return {p.z - S(t.highest), up};
+  const NearestCell n = nearest_cell(t, x, y, z);
+  const S height(t.height(n.i, n.j));
+  // Over its own top the distance is linear, also across the surface.
+  if (n.i == n.own_i && n.j == n.own_j) return {p.z - height, up};
+  const int sx = n.i < n.own_i ? 1 : n.i > n.own_i ? -1 : 0, sy = n.j < n.own_j ? 1 : n.j > n.own_j ? -1 : 0;
+  const S a = sx > 0 ? p.x - S(t.edge_x(n.i + 1)) : sx < 0 ? p.x - S(t.edge_x(n.i)) : S(0.0);
+  const S b = sy > 0 ? p.y - S(t.edge_y(n.j + 1)) : sy < 0 ? p.y - S(t.edge_y(n.j)) : S(0.0);
+  S c = n.inside ? height - p.z : p.z - height;
+  if (!(core::plain(c) > T(0))) c = S(0.0);
+  const S out(n.inside ? -1.0 : 1.0);
+  const S squared = a * a + b * b + c * c;
+  if (core::plain(squared) < T(1e-20)) {
+    // On a wall or at its foot: the direction across it is known, the offset too small to tell.
+    const double length = sx != 0 && sy != 0 ? std::sqrt(2.0) : 1.0;
+    const S ux(static_cast<T>(sx / length)), uy(static_cast<T>(sy / length));
+    return {out * (ux * a + uy * b), {out * ux, out * uy, S(0.0)}};
+  }
+  const S d = sqrt(squared);
+  return {out * d, {out * a / d, out * b / d, c / d}};
+}
+
+}  // namespace detail
+
+/// Exact signed distance of a point from the ground and its gradient, by looking at ever larger rings of cells until no
+/// nearer one is possible. Any scalar: `double`, `float`, `ceres::Jet`, a pack (lane by lane).
+///
+/// Where two points of the surface are equally near the gradient belongs to one of them, always the same one. A point that
+/// is not finite has the distance NaN and the normal +z.
+template <core::Scalar S>
+inline SurfaceSample<S> surface(const HeightGrid& grid, const core::Vector3<S>& p) noexcept {
+  if constexpr (std::is_same_v<S, core::Element<S>>) {
+    return detail::surface_of_one(grid, p);
+  } else {
+    using T = core::Element<S>;
+    SurfaceSample<S> out;
+    for (int l = 0; l < core::lane_count<S>; ++l) {
+      const SurfaceSample<T> one = detail::surface_of_one(grid, core::Vector3<T>{p.x[l], p.y[l], p.z[l]});
+      out.distance.set(l, one.distance);
+      out.normal.x.set(l, one.normal.x);
+      out.normal.y.set(l, one.normal.y);
+      out.normal.z.set(l, one.normal.z);
+    }
+    return out;
+  }
+}
+
+/// Exact signed distance of a point from the ground, m, negative inside (PARC C.1, which approximates it inside).
+template <core::Scalar S>
+inline S signed_distance(const HeightGrid& grid, const core::Vector3<S>& p) noexcept {
+  return surface(grid, p).distance;
+}
+
+/// As `surface`, for contacts: exact (to a micrometre and rounding) where the distance is at most `reach` (m); elsewhere the
+/// distance is some number above `reach` and the normal any unit vector. A pack looks only at the cells around each lane's own, and at
+/// one number where all lanes are high above them. A lane that is not finite has the distance NaN and reads no foreign
+/// memory.
+template <core::Scalar S>
+inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vector3<S>& p, core::Element<S> reach) noexcept {
+  using core::clamp;
+  using core::max;
+  using core::select;
+  using T = core::Element<S>;
+  if constexpr (std::is_same_v<S, T>) {
+    (void)reach;
+    return surface(grid, p);
+  } else {
+    const HeightTable<T>& t = grid.table<T>();
+    const S zero(0.0), one(1.0);
+    // A lane that is not finite shows in its distance, whatever cell its index was clamped to.
+    const S taint = zero * (p.x + p.y + p.z);
+    if (grid.is_flat()) return {p.z - S(t.highest) + taint, {zero, zero, one}};
+    // Cells two steps away are a whole cell off; nothing further than that is settled by the nine around the point.
+    if (reach >= t.cell) return surface(grid, p);
+
+    constexpr int lanes = core::lane_count<S>;
+    const S px = clamp((p.x - S(t.x0)) * S(t.inverse_cell), zero, S(t.nx - 1));
+    const S py = clamp((p.y - S(t.y0)) * S(t.inverse_cell), zero, S(t.ny - 1));
+    // Plain arrays: compilers turn loops over them into vector code, and element-wise writes to a pack they do not.
+    T fx[lanes], fy[lanes], gathered[lanes];
+    int column[lanes], row[lanes];
+    px.store(fx);
+    py.store(fy);
+    for (int l = 0; l < lanes; ++l) {
+      column[l] = static_cast<int>(fx[l]);
+      row[l] = static_cast<int>(fy[l]);
+    }
+    for (int l = 0; l < lanes; ++l) {
+      fx[l] = static_cast<T>(column[l]);
+      fy[l] = static_cast<T>(row[l]);
+    }
+    for (int l = 0; l < lanes; ++l) gathered[l] = t.tops[static_cast<std::size_t>(column[l] + t.nx * row[l])];
+    const S edge_x = S::load(fx), edge_y = S::load(fy), top = S::load(gathered);
+    const S above = p.z - top;
+    if (core::all(above > S(reach))) return {above + taint, {zero, zero, one}};
+
+    int west[lanes], east[lanes], south[lanes], north[lanes];
+    for (int l = 0; l < lanes; ++l) {
+      west[l] = column[l] > 0 ? column[l] - 1 : 0;
+      east[l] = column[l] + 1 < t.nx ? column[l] + 1 : t.nx - 1;
+      south[l] = t.nx * (row[l] > 0 ? row[l] - 1 : 0);
+      north[l] = t.nx * (row[l] + 1 < t.ny ? row[l] + 1 : t.ny - 1);
+      row[l] *= t.nx;
+    }
+    const int* const columns[3] = {west, column, east};
+    const int* const rows[3] = {south, row, north};
+    const auto gather = [&](int di, int dj) {
+      for (int l = 0; l < lanes; ++l) gathered[l] = t.heights[static_cast<std::size_t>(columns[di + 1][l] + rows[dj + 1][l])];
+      return S::load(gathered);
+    };
+    const S own = gather(0, 0);
+    const auto inside = p.z < own;
+    const S sign = select(inside, -one, one);
+    // The floors keep the normal defined on a wall and on a top.
+    const S least_across(1e-6), least_up(1e-15);
+    const S u = p.x - (S(t.x0) + edge_x * S(t.cell)), v = p.y - (S(t.y0) + edge_y * S(t.cell));
+    const S offset_x[3] = {max(u, least_across), zero, -max(S(t.cell) - u, least_across)};
+    const S offset_y[3] = {max(v, least_across), zero, -max(S(t.cell) - v, least_across)};
+    S a = zero, b = zero, c = max(sign * (p.z - own), least_up);
+    S best = c * c;
+    for (int dj = -1; dj <= 1; ++dj)
+      for (int di = -1; di <= 1; ++di) {
+        if (di == 0 && dj == 0) continue;
+        // A cell beyond the border is the border cell itself, which its offset only makes farther than it is.
+        const S rx = offset_x[di + 1], ry = offset_y[dj + 1];
+        const S up = max(sign * (p.z - gather(di, dj)), zero);
+        const S squared = rx * rx + ry * ry + up * up;
+        const auto nearer = squared < best;
+        best = select(nearer, squared, best);
+        a = select(nearer, rx, a);
+        b = select(nearer, ry, b);
+        c = select(nearer, up, c);
+      }
+    const S d = sqrt(best);
+    const S scale = one / d;
+    SurfaceSample<S> out{sign * d + taint, {sign * scale * a, sign * scale * b, scale * c}};
+    const auto deep = inside & (d > S(t.cell));
+    if (core::any(deep)) {
+      for (int l = 0; l < lanes; ++l) {
+        if (!deep[l]) continue;
+        const SurfaceSample<T> lane = detail::surface_of_one(grid, core::Vector3<T>{p.x[l], p.y[l], p.z[l]});
+        out.distance.set(l, lane.distance);
+        out.normal.x.set(l, lane.normal.x);
+        out.normal.y.set(l, lane.normal.y);
+        out.normal.z.set(l, lane.normal.z);
+      }
+    }
+    return out;
+  }
+}
+
+}  // namespace traceur::terrain

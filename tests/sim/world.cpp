@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: MIT
+// The laws of mechanics that a simulated character obeys, in double precision unless a case says otherwise.
+#include <traceur/sim/world.hpp>
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "support.hpp"
+
+namespace {
+
+using scene::Character;
+using scene::JointType;
+using scene::Vector;
+using traceur::core::RandomStream;
+using traceur::sim::Ground;
+using traceur::sim::Parameters;
+using traceur::sim::World;
+
+constexpr double dt = 1.0 / 480;
+
+Character ragdoll() {
+  Character c = scene::humanoid();
+  for (auto& a : c.actuators) a.stiffness = a.damping = 0;
+  return c;
+}
+
+/// One second of flight from joint speeds up to 5 rad/s.
+void check_flight(const Character& c, bool move_targets) {
+  RandomStream random(21);
+  World<double> world(c, 1);
+  Eigen::VectorXd q = scene::random_pose(c, random, 0.6);
+  q[2] = 20;
+  Eigen::VectorXd v = scene::random_velocity(c, random, 5);
+  v.head(3) = Eigen::Vector3d(1, -2, 3);
+  world.reset(0, q, v);
+  const auto start = scene::momentum_of(c, q, v);
+  double linear = 0, angular = 0, path = 0;
+  for (int n = 1; n <= 480; ++n) {
+    if (move_targets && n % 48 == 1) world.set_target(0, scene::random_target(c, random, 1.0));
+    world.step(1);
+    const auto now = scene::momentum_of(c, world.pose(0), world.velocity(0));
+    const double t = n * dt;
+    const Vector expected = start.linear - Vector{0, 0, start.mass * 9.81 * t};
+    linear = std::max(linear, norm(now.linear - expected));
+    angular = std::max(angular, norm(now.angular - start.angular) / norm(start.angular));
+    // The parabola as steps of dt draw it: velocity first, then position.
+    const Vector center = start.center_of_mass + t * start.velocity() - Vector{0, 0, 0.5 * 9.81 * t * (t + dt)};
+    path = std::max(path, norm(now.center_of_mass - center));
+  }
+  MESSAGE("flight: linear momentum off by " << linear << " kg m/s, angular by " << angular << " of itself, path by " << path << " m");
+  CHECK(linear < 1e-10);
+  CHECK(angular < 1e-3);
+  CHECK(path < 1e-10);
+}
+
+/// The box on a slope that rises along +x, at rest on its face.
+World<double> box_on_slope(double angle, double friction) {
+  const Vector half{0.2, 0.15, 0.1};
+  const Vector normal{-std::sin(angle), 0, std::cos(angle)};
+  Parameters p;
+  p.friction = friction;
+  World<double> world(scene::box(half, 10), 1, p, Ground<double>::plane(normal, 0));
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(7);
+  const double sink = 10 * 9.81 * std::cos(angle) / (4 * p.contact_stiffness);
+  ((half.z - sink) * normal).store(q.data());
+  about_axis(Vector{0, 1, 0}, -angle).store(q.data() + 3);
+  world.reset(0, q, Eigen::VectorXd::Zero(6));
+  return world;
+}
+
+double worst_torque_share(const Character& c, const Eigen::VectorXd& torque_norms) {
+  double worst = 0;
+  for (Eigen::Index i = 0; i < torque_norms.size(); ++i)
+    worst = std::max(worst, torque_norms[i] / c.actuators[static_cast<std::size_t>(i)].torque_limit);
+  return worst;
+}
+
+}  // namespace
+
+TEST_CASE("flight conserves momenta, limp") { check_flight(ragdoll(), false); }
+TEST_CASE("flight conserves momenta, motors at work") { check_flight(scene::humanoid(), true); }
+
+TEST_CASE("flight: energy of a limp body in weightlessness") {
+  const Character c = ragdoll();
+  Parameters p;
+  p.gravity = 0;
+  for (const double step : {1.0 / 480, 1.0 / 960}) {
+    p.dt = step;
+    RandomStream random(22);
+    Character loose = c;
+    for (auto& a : loose.actuators) {
+      a.limited = false;
+      a.cone = std::numeric_limits<double>::infinity();
+      a.armature = 0;
+    }
+    World<double> world(loose, 1, p);
+    Eigen::VectorXd q = scene::random_pose(c, random, 0.5);
+    q[2] = 20;
+    const Eigen::VectorXd v = scene::random_velocity(c, random, 5);
+    world.reset(0, q, v);
+    const double before = scene::momentum_of(loose, q, v).kinetic_energy;
+    world.step(static_cast<int>(std::lround(1 / step)));
+    const double after = scene::momentum_of(loose, world.pose(0), world.velocity(0)).kinetic_energy;
+    MESSAGE("tumbling for 1 s at dt " << step << ": energy " << before << " J becomes " << after << " J");
+    CHECK(std::abs(after / before - 1) < 0.25);
+  }
+}
+
+TEST_CASE("a push in flight changes momentum by its impulse") {
+  const Character& c = scene::humanoid();
+  RandomStream random(23);
+  Eigen::VectorXd q = scene::random_pose(c, random, 0.5);
+  q[2] = 20;
+  const Eigen::VectorXd v = scene::random_velocity(c, random, 3);
+  World<double> world(c, 2);
+  world.reset(0, q, v);
+  world.reset(1, q, v);
+  const Vector force{300, -200, 150};
+  const int hand = c.skeleton.find_body("left_hand");
+  const Vector local{0.01, 0.02, -0.05};
+  traceur::body::Frames<double> frames(c.skeleton);
+  forward_kinematics(c.skeleton, q.data(), frames);
+  const auto before = scene::momentum_of(c, q, v);
+  world.push(0, hand, force, local);
+  world.step(1);
+  const auto pushed = scene::momentum_of(c, world.pose(0), world.velocity(0));
+  const auto still = scene::momentum_of(c, world.pose(1), world.velocity(1));
+  CHECK(norm(pushed.linear - still.linear - dt * force) < 1e-10);
+  const Vector arm = frames.point(hand, local) - before.center_of_mass;
+  CHECK(norm(pushed.angular - still.angular - dt * cross(arm, force)) < 1e-9);
+  // It acts during one call of step only, and throughout that one.
+  world.step(10);
+  CHECK(norm(Vector(world.linear_momentum(0)) - Vector(world.linear_momentum(1)) - dt * force) < 1e-9);
+  world.push(0, 0, force);
+  world.step(10);
+  CHECK(norm(Vector(world.linear_momentum(0)) - Vector(world.linear_momentum(1)) - (11 * dt) * force) < 1e-9);
+}
+
+TEST_CASE("a box holds below the friction angle") {
+  for (const double friction : {0.3, 1.0}) {
+    auto world = box_on_slope(0.95 * std::atan(friction), friction);
+    const Eigen::VectorXd start = world.pose(0);
+    double moved = 0;
+    for (int n = 0; n < 480; ++n) {
+      world.step(10);
+      moved = std::max(moved, (world.pose(0).head(3) - start.head(3)).norm());
+    }
+    MESSAGE("friction " << friction << ": moved " << moved * 1e3 << " mm in 10 s");
+    CHECK(moved < 1e-3);
+  }
+}
+
+TEST_CASE("a box slides beyond the friction angle as Coulomb says") {
+  for (const double friction : {0.3, 1.0}) {
+    const double angle = 1.05 * std::atan(friction);
+    auto world = box_on_slope(angle, friction);
+    world.step(240);
+    const Eigen::VectorXd v0 = world.velocity(0);
+    world.step(960);
+    const Eigen::VectorXd v1 = world.velocity(0);
+    const double expected = 9.81 * (std::sin(angle) - friction * std::cos(angle));
+    const double found = -(v1[0] - v0[0]) * std::cos(angle) / 2 - (v1[2] - v0[2]) * std::sin(angle) / 2;
+    MESSAGE("friction " << friction << ": slides at " << found << " m/s^2, Coulomb " << expected);
+    CHECK(found == doctest::Approx(expected).epsilon(0.03));
+  }
+}
+
+TEST_CASE("a terrain of one height is level ground, and a step carries") {
+  const Vector half{0.2, 0.15, 0.1};
+  const Character c = scene::box(half, 10);
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(7);
+  q[6] = 1;
+  q[2] = 0.6;
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(6);
+  v[4] = 2;
+  World<double> level(c, 1), flat(c, 1, {}, traceur::terrain::HeightGrid::flat(0));
+  level.reset(0, q, v);
+  flat.reset(0, q, v);
+  level.step(960);
+  flat.step(960);
+  CHECK((level.pose(0) - flat.pose(0)).cwiseAbs().maxCoeff() < 1e-12);
+
+  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(5, 5);
+  heights(2, 2) = 0.5;
+  World<double> step(c, 1, {}, traceur::terrain::HeightGrid(heights, 1.0, -2.5, -2.5));
+  q[2] = 1;
+  step.reset(0, q, Eigen::VectorXd::Zero(6));
+  step.step(1440);
+  CHECK(step.pose(0)[2] == doctest::Approx(0.6).epsilon(0.002));
+  CHECK(step.velocity(0).norm() < 1e-3);
+}
+
+TEST_CASE("the humanoid stands") {
+  World<double> world(scene::humanoid(), 1);
+  world.reset(0, scene::standing_pose(), scene::at_rest());
+  world.step(960);
+  const auto& model = world.model();
+  const int feet[2] = {model.moving_of_joint[static_cast<std::size_t>(scene::humanoid().skeleton.find_body("left_foot"))],
+                       model.moving_of_joint[static_cast<std::size_t>(scene::humanoid().skeleton.find_body("right_foot"))]};
+  Vector start[2] = {world.body_position(0, feet[0]), world.body_position(0, feet[1])};
+  double drift = 0;
+  for (int n = 0; n < 480; ++n) {
+    world.step(10);
+    for (int f = 0; f < 2; ++f) drift = std::max(drift, norm(world.body_position(0, feet[f]) - start[f]));
+  }
+  MESSAGE("feet drift " << drift * 1e3 << " mm in 10 s");
+  CHECK(drift < 1e-3);
+  CHECK(world.pose(0)[2] > 0.85);
+  CHECK(world.velocity(0).cwiseAbs().maxCoeff() < 1e-2);
+  Vector carried = Vector::zero();
+  for (int b = 0; b < static_cast<int>(model.bodies.size()); ++b) carried += world.contact_force(0, b);
+  CHECK(norm(carried - Vector{0, 0, 9.81 * model.total_mass}) < 0.01 * 9.81 * model.total_mass);
+}
+
+TEST_CASE("motors never pass their torque limits") {
+  const Character& c = scene::humanoid();
+  World<double> world(c, 1);
+  Eigen::VectorXd q = scene::standing_pose();
+  world.reset(0, q, scene::at_rest());
+  RandomStream random(24);
+  double worst = 0;
+  int saturated = 0;
+  for (int n = 0; n < 9600; ++n) {
+    if (n % 24 == 0) world.set_target(0, scene::random_target(c, random, 3.0));
+    world.step(1);
+    for (std::size_t b = 0; b < world.model().bodies.size(); ++b) {
+      const auto& actuator = world.model().bodies[b].actuator;
+      if (!std::isfinite(actuator.torque_limit)) continue;
+      const double share = norm(world.joint_torque(0, static_cast<int>(b))) / actuator.torque_limit;
+      worst = std::max(worst, share);
+      saturated += share > 0.99;
+    }
+  }
+  MESSAGE("largest torque " << worst << " of the limit; saturated " << saturated << " of " << 9600 * 12);
+  CHECK(worst < 1.001);
+  CHECK(saturated > 1000);
+  CHECK(!world.failed(0));
+}
+
+TEST_CASE("stops hold against the motors") {
+  Parameters p;
+  p.gravity = 0;
+  const Character& c = scene::humanoid();
+  World<double> world(c, 1, p);
+  Eigen::VectorXd q = c.skeleton.neutral_pose();
+  q[2] = 5;
+  const auto at = [&](const char* joint) { return c.skeleton[c.skeleton.find(joint)].q_index; };
+  world.reset(0, q, scene::at_rest());
+  Eigen::VectorXd target = q;
+  target[at("left_knee")] = -2;
+  target[at("right_elbow")] = 5;
+  about_axis(Vector{0, 1, 0}, 2.5).store(target.data() + at("abdomen"));
+  world.set_target(0, target);
+  world.step(960);
+  const Eigen::VectorXd reached = world.pose(0);
+  // At rest a stop yields by the motor's torque over its stiffness.
+  const auto slack = [&](const char* joint) {
+    return c.actuators[static_cast<std::size_t>(c.skeleton.find(joint))].torque_limit / p.stop_stiffness + 0.02;
+  };
+  CHECK(reached[at("left_knee")] > 0 - slack("left_knee"));
+  CHECK(reached[at("left_knee")] < 0);
+  CHECK(reached[at("right_elbow")] < 160 * std::numbers::pi / 180 + slack("right_elbow"));
+  CHECK(reached[at("right_elbow")] > 2);
+  const Vector abdomen = log_map(scene::Quaternion::from(reached.data() + at("abdomen")));
+  CHECK(abdomen.y < 90 * std::numbers::pi / 180 + slack("abdomen"));
+  CHECK(abdomen.y > 1.4);
+  CHECK(world.velocity(0).tail(28).cwiseAbs().maxCoeff() < 0.5);
+}
+
+TEST_CASE("world: refuses what cannot be simulated") {
+  const Character& c = scene::humanoid();
+  CHECK_THROWS_AS(World<double>(c, 0), traceur::Error);
+  Parameters p;
+  p.dt = 0;
+  CHECK_THROWS_AS(World<double>(c, 1, p), traceur::Error);
+  Character broken = c;
+  broken.inertias.pop_back();
+  CHECK_THROWS_AS(World<double>(broken, 1), traceur::Error);
+}
