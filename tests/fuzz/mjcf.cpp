@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/mjcf.hpp>
-
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <string>
 #include <string_view>
+
+#include <traceur/io/mjcf.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/terrain_file.hpp>
-#include <traceur/terrain/signed_distance.hpp>
-
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <string_view>
+
+#include <traceur/io/terrain_file.hpp>
+#include <traceur/terrain/signed_distance.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {

@@ -1,8 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/mjcf.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -10,7 +6,10 @@
 #include <numbers>
 #include <string>
 
+#include <doctest/doctest.h>
+
 #include <traceur/body/momentum.hpp>
+#include <traceur/io/mjcf.hpp>
 
 namespace {
 
@@ -27,7 +26,9 @@ constexpr double degree = pi / 180;
 
 /// A free body "a" with `inside` in it, and `beside` after the worldbody.
 Character with(const std::string& inside, const std::string& beside = "") {
-  return parse_mjcf("<mujoco><worldbody><body name='a'><freejoint/>" + inside + "</body></worldbody>" + beside + "</mujoco>", "test.xml");
+  return parse_mjcf(
+      "<mujoco><worldbody><body name='a'><freejoint/>" + inside + "</body></worldbody>" + beside + "</mujoco>",
+      "test.xml");
 }
 
 /// As `with`, and a unit sphere on "a" so that it may move.
@@ -45,7 +46,8 @@ void check_near(const Vector& a, const Vector& b, double tolerance = 1e-12) {
 
 /// Largest difference of the images of two vectors, so that q and -q are the same.
 double apart(const Quaternion& a, const Quaternion& b) {
-  return std::max(norm(a.rotate(Vector{1, 2, 3}) - b.rotate(Vector{1, 2, 3})), norm(a.rotate(Vector{3, -1, 1}) - b.rotate(Vector{3, -1, 1})));
+  return std::max(norm(a.rotate(Vector{1, 2, 3}) - b.rotate(Vector{1, 2, 3})),
+                  norm(a.rotate(Vector{3, -1, 1}) - b.rotate(Vector{3, -1, 1})));
 }
 
 std::string message(const std::string& xml) {
@@ -58,14 +60,14 @@ std::string message(const std::string& xml) {
 }
 
 std::string message_with(const std::string& inside, const std::string& beside = "") {
-  return message("<mujoco>\n<worldbody>\n<body name='a'><freejoint/>" + grain + "\n" + inside + "\n</body></worldbody>\n" + beside + "</mujoco>");
+  return message("<mujoco>\n<worldbody>\n<body name='a'><freejoint/>" + grain + "\n" + inside +
+                 "\n</body></worldbody>\n" + beside + "</mujoco>");
 }
 
 }  // namespace
 
 TEST_CASE("mjcf: solids have the mass and inertia of the textbook") {
-  const Character c = with(
-      "<geom name='s' type='sphere' size='0.2' density='500' pos='1 2 3'/>");
+  const Character c = with("<geom name='s' type='sphere' size='0.2' density='500' pos='1 2 3'/>");
   const double mass = 500 * 4.0 / 3.0 * pi * 0.008;
   CHECK(c.inertias[0].mass == doctest::Approx(mass).epsilon(1e-14));
   check_near(c.inertias[0].center, {1, 2, 3});
@@ -94,8 +96,9 @@ TEST_CASE("mjcf: solids have the mass and inertia of the textbook") {
 }
 
 TEST_CASE("mjcf: explicit inertia is used, ignored or insisted on as the compiler says") {
-  const std::string body = "<worldbody><body name='a'><freejoint/><inertial pos='0 0 1' mass='2' diaginertia='1 2 3' quat='1 0 0 1'/>"
-                           "<geom size='0.1' mass='5'/></body></worldbody></mujoco>";
+  const std::string body =
+      "<worldbody><body name='a'><freejoint/><inertial pos='0 0 1' mass='2' diaginertia='1 2 3' quat='1 0 0 1'/>"
+      "<geom size='0.1' mass='5'/></body></worldbody></mujoco>";
   const Character automatic = parse_mjcf("<mujoco>" + body, "m");
   CHECK(automatic.inertias[0].mass == 2);
   check_near(automatic.inertias[0].center, {0, 0, 1});
@@ -111,12 +114,15 @@ TEST_CASE("mjcf: explicit inertia is used, ignored or insisted on as the compile
 
 TEST_CASE("mjcf: every way to write an orientation") {
   const auto rest = [](const std::string& attributes, const std::string& compiler = "") {
-    const Character c = parse_mjcf("<mujoco>" + compiler + "<worldbody><body><freejoint/>" + grain + "<body " + attributes +
-                                       "><joint type='ball'/>" + grain + "</body></body></worldbody></mujoco>",
-                                   "m");
+    const Character c =
+        parse_mjcf("<mujoco>" + compiler + "<worldbody><body><freejoint/>" + grain + "<body " + attributes +
+                       "><joint type='ball'/>" + grain + "</body></body></worldbody></mujoco>",
+                   "m");
     return c.skeleton[1].rest;
   };
-  const auto about = [](double x, double y, double z, double angle) { return traceur::core::about_axis(Vector{x, y, z}, angle); };
+  const auto about = [](double x, double y, double z, double angle) {
+    return traceur::core::about_axis(Vector{x, y, z}, angle);
+  };
   CHECK(apart(rest("quat='2 0 0 2'"), about(0, 0, 1, pi / 2)) < 1e-12);
   CHECK(apart(rest("axisangle='0 3 0 30'"), about(0, 1, 0, 30 * degree)) < 1e-12);
   CHECK(apart(rest("axisangle='0 3 0 0.5'", "<compiler angle='radian'/>"), about(0, 1, 0, 0.5)) < 1e-12);
@@ -131,12 +137,19 @@ TEST_CASE("mjcf: every way to write an orientation") {
 
 TEST_CASE("mjcf: three hinges at one point become a ball") {
   const std::string gains = " stiffness='10' damping='1' armature='0.5' ";
-  const Character c = on_ball("<body name='b' pos='0 0 1'>"
-                              "<joint name='hip_z' axis='0 0 1' range='-1 2'" + gains + "/>"
-                              "<joint name='hip_x' axis='-3 0 0' range='-10 20'" + gains + "/>"
-                              "<joint name='hip_y' axis='0 1 0'" + gains + "/>" + grain + "</body>",
-                              "<actuator><motor joint='hip_x' gear='-30' ctrlrange='-1 1'/>"
-                              "<motor joint='hip_y' gear='40' ctrlrange='-0.5 1'/><motor joint='hip_z' gear='10' ctrlrange='-2 1'/></actuator>");
+  const Character c = on_ball(
+      "<body name='b' pos='0 0 1'>"
+      "<joint name='hip_z' axis='0 0 1' range='-1 2'" +
+          gains +
+          "/>"
+          "<joint name='hip_x' axis='-3 0 0' range='-10 20'" +
+          gains +
+          "/>"
+          "<joint name='hip_y' axis='0 1 0'" +
+          gains + "/>" + grain + "</body>",
+      "<actuator><motor joint='hip_x' gear='-30' ctrlrange='-1 1'/>"
+      "<motor joint='hip_y' gear='40' ctrlrange='-0.5 1'/><motor joint='hip_z' gear='10' ctrlrange='-2 "
+      "1'/></actuator>");
   REQUIRE(c.skeleton.size() == 2);
   CHECK(c.skeleton[1].name == "hip");
   CHECK(c.skeleton[1].type == JointType::ball);
@@ -150,16 +163,19 @@ TEST_CASE("mjcf: three hinges at one point become a ball") {
   CHECK(a.torque_limit == 40);
 
   // Without a common name the ball takes the body's.
-  const Character n = on_ball("<body name='b'><joint axis='1 0 0'/><joint axis='0 1 0'/><joint axis='0 0 1'/>" + grain + "</body>");
+  const Character n =
+      on_ball("<body name='b'><joint axis='1 0 0'/><joint axis='0 1 0'/><joint axis='0 0 1'/>" + grain + "</body>");
   CHECK(n.skeleton[1].name == "b");
   CHECK(!n.actuators[1].limited);
   CHECK(std::isinf(n.actuators[1].torque_limit));
 }
 
 TEST_CASE("mjcf: other hinges become a chain that moves as written") {
-  const Character c = on_ball("<body name='b' pos='1 0 0' euler='0 0 90'>"
-                              "<joint name='u' axis='0 0 1' pos='0 0 0.1'/><joint name='v' axis='0 2 0' pos='0.3 0 0'/>"
-                              "<geom size='0.1' pos='0.5 0 0'/><body name='e' pos='1 0 0'>" + grain + "</body></body>");
+  const Character c = on_ball(
+      "<body name='b' pos='1 0 0' euler='0 0 90'>"
+      "<joint name='u' axis='0 0 1' pos='0 0 0.1'/><joint name='v' axis='0 2 0' pos='0.3 0 0'/>"
+      "<geom size='0.1' pos='0.5 0 0'/><body name='e' pos='1 0 0'>" +
+      grain + "</body></body>");
   REQUIRE(c.skeleton.size() == 4);
   CHECK(c.skeleton[1].body == "b:u");
   CHECK(c.skeleton[2].body == "b");
@@ -186,8 +202,10 @@ TEST_CASE("mjcf: other hinges become a chain that moves as written") {
 }
 
 TEST_CASE("mjcf: a joint away from its body's origin shifts what the body carries") {
-  const Character c = on_ball("<body name='b' pos='0 0 2'><joint type='ball' name='j' pos='0 0 1'/><geom name='g' size='0.1' pos='0 0 1'/>"
-                              "<body name='e' pos='0 0 5'>" + grain + "</body></body>");
+  const Character c = on_ball(
+      "<body name='b' pos='0 0 2'><joint type='ball' name='j' pos='0 0 1'/><geom name='g' size='0.1' pos='0 0 1'/>"
+      "<body name='e' pos='0 0 5'>" +
+      grain + "</body></body>");
   check_near(c.skeleton[1].offset, {0, 0, 3});
   check_near(c.skeleton[2].offset, {0, 0, 4});
   check_near(c.shapes[1].position, {0, 0, 0});
@@ -196,8 +214,8 @@ TEST_CASE("mjcf: a joint away from its body's origin shifts what the body carrie
 
 TEST_CASE("mjcf: limits follow angle unit, limited and autolimits") {
   const auto hinge = [](const std::string& attributes, const std::string& compiler) {
-    return parse_mjcf("<mujoco>" + compiler + "<worldbody><body><freejoint/>" + grain + "<body><joint name='j' " + attributes + "/>" +
-                          grain + "</body></body></worldbody></mujoco>",
+    return parse_mjcf("<mujoco>" + compiler + "<worldbody><body><freejoint/>" + grain + "<body><joint name='j' " +
+                          attributes + "/>" + grain + "</body></body></worldbody></mujoco>",
                       "m")
         .actuators[1];
   };
@@ -214,7 +232,8 @@ TEST_CASE("mjcf: limits follow angle unit, limited and autolimits") {
   const auto ball = hinge("type='ball' range='0 60'", "");
   CHECK(!ball.limited);
   CHECK(ball.cone == doctest::Approx(pi / 3));
-  const auto boxed = hinge("type='ball' range='0 60'", "<custom><numeric name='j:range' data='-1 2 -3 4 -5 6'/></custom>");
+  const auto boxed =
+      hinge("type='ball' range='0 60'", "<custom><numeric name='j:range' data='-1 2 -3 4 -5 6'/></custom>");
   CHECK(boxed.limited);
   CHECK(boxed.cone == doctest::Approx(pi / 3));
   check_near(boxed.lower, {-degree, -3 * degree, -5 * degree});
@@ -229,10 +248,14 @@ TEST_CASE("mjcf: torque limits and gains from actuators") {
   };
   CHECK(hinge("<motor joint='j' gear='-7' ctrlrange='-1 2'/>").torque_limit == 14);
   CHECK(hinge("<motor joint='j' gear='7' ctrlrange='-1 2' forcerange='-0.5 0.5'/>").torque_limit == 3.5);
-  CHECK(hinge("<motor joint='j' gear='7' ctrllimited='false' ctrlrange='-1 2'/>").torque_limit == std::numeric_limits<double>::infinity());
+  CHECK(hinge("<motor joint='j' gear='7' ctrllimited='false' ctrlrange='-1 2'/>").torque_limit ==
+        std::numeric_limits<double>::infinity());
   CHECK(hinge("<motor joint='j' ctrlrange='-1 2'/><motor joint='j' ctrlrange='-1 3'/>").torque_limit == 5);
   CHECK(hinge("<general joint='j' gainprm='10' ctrlrange='-1 1'/>").torque_limit == 10);
-  CHECK(hinge("<motor jointinparent='j' gear='90 0 0' ctrlrange='-1 1'/><motor joint='j' gear='0 80' ctrlrange='-1 1'/>", "ball").torque_limit == 90);
+  CHECK(
+      hinge("<motor jointinparent='j' gear='90 0 0' ctrlrange='-1 1'/><motor joint='j' gear='0 80' ctrlrange='-1 1'/>",
+            "ball")
+          .torque_limit == 90);
   const auto servo = hinge("<position joint='j' gear='2' kp='50' kv='5' ctrlrange='-1 1' forcerange='-8 8'/>");
   CHECK(servo.stiffness == 2 + 4 * 50);
   CHECK(servo.damping == 3 + 4 * 5);
@@ -278,27 +301,35 @@ TEST_CASE("mjcf: default classes nest, and the nearest childclass counts") {
 }
 
 TEST_CASE("mjcf: roots") {
-  const Character fixed = parse_mjcf("<mujoco><worldbody><geom type='plane' size='1 1 1'/><light/><body name='a' pos='1 2 3'>" + grain + "</body></worldbody></mujoco>", "m");
+  const Character fixed =
+      parse_mjcf("<mujoco><worldbody><geom type='plane' size='1 1 1'/><light/><body name='a' pos='1 2 3'>" + grain +
+                     "</body></worldbody></mujoco>",
+                 "m");
   REQUIRE(fixed.skeleton.size() == 1);
   CHECK(fixed.skeleton[0].type == JointType::fixed);
   check_near(fixed.skeleton[0].offset, {1, 2, 3});
 
-  const Character pendulum = parse_mjcf("<mujoco><worldbody><body name='a' pos='1 2 3'><joint axis='0 1 0'/>" + grain + "</body></worldbody></mujoco>", "m");
+  const Character pendulum = parse_mjcf(
+      "<mujoco><worldbody><body name='a' pos='1 2 3'><joint axis='0 1 0'/>" + grain + "</body></worldbody></mujoco>",
+      "m");
   REQUIRE(pendulum.skeleton.size() == 2);
   CHECK(pendulum.skeleton[0].body == "world");
   CHECK(pendulum.skeleton[1].type == JointType::hinge);
   check_near(pendulum.skeleton[1].offset, {1, 2, 3});
   CHECK(pendulum.skeleton.nq() == 1);
 
-  const Character free = parse_mjcf("<mujoco><worldbody><body name='a' pos='0 0 1'><joint name='base' type='free'/>" + grain + "</body></worldbody></mujoco>", "m");
+  const Character free = parse_mjcf("<mujoco><worldbody><body name='a' pos='0 0 1'><joint name='base' type='free'/>" +
+                                        grain + "</body></worldbody></mujoco>",
+                                    "m");
   CHECK(free.skeleton.free_root());
   CHECK(free.skeleton[0].name == "base");
   CHECK(free.skeleton[0].offset.z == 1);
 }
 
 TEST_CASE("mjcf: what collides with nothing is weighed and not kept") {
-  const Character c = on_ball("<geom size='0.1' contype='0' conaffinity='0'/><geom type='mesh' mesh='m' mass='0' contype='0' conaffinity='0'/>"
-                              "<site name='s'/><camera/>");
+  const Character c = on_ball(
+      "<geom size='0.1' contype='0' conaffinity='0'/><geom type='mesh' mesh='m' mass='0' contype='0' conaffinity='0'/>"
+      "<site name='s'/><camera/>");
   CHECK(c.shapes.size() == 1);
   CHECK(c.inertias[0].mass == doctest::Approx(2 * 1000 * 4.0 / 3.0 * pi * 0.001));
 }
@@ -316,7 +347,8 @@ TEST_CASE("mjcf: every fault has a message of one line that names the place") {
       {message("<mujoco>\n<worldbody>\n</mujoco>"), "test.xml: line 3: not XML"},
       {message("<robot/>"), "expected <mujoco>, found <robot>"},
       {message("<mujoco/>"), "expected a body"},
-      {inside("<geom name='g' type='cylinder' size='1 1'/>"), "test.xml: line 4: geom 'g': type 'cylinder' is not supported"},
+      {inside("<geom name='g' type='cylinder' size='1 1'/>"),
+       "test.xml: line 4: geom 'g': type 'cylinder' is not supported"},
       {inside("<geom name='g' type='ellipsoid' size='1 1 1'/>"), "type 'ellipsoid'"},
       {inside("<geom name='g' type='mesh' mesh='m'/>"), "type 'mesh'"},
       {inside("<geom name='g' type='mesh' contype='0' conaffinity='0'/>"), "the mass of type 'mesh'"},
@@ -326,7 +358,8 @@ TEST_CASE("mjcf: every fault has a message of one line that names the place") {
       {inside("<geom name='g' size='nan'/>"), "found 'nan'"},
       {inside("<geom name='g' size='1e11'/>"), "beyond 1e10"},
       {inside("<geom name='g' type='box' size='1 1'/>"), "size: expected 3 numbers, found '1 1'"},
-      {inside("<geom name='g' type='capsule' size='1' fromto='0 0 0 0 0 0'/>"), "fromto: expected two points that differ"},
+      {inside("<geom name='g' type='capsule' size='1' fromto='0 0 0 0 0 0'/>"),
+       "fromto: expected two points that differ"},
       {inside("<geom name='g' size='1' mass='-1'/>"), "must not be negative"},
       {inside("<geom name='g' size='1' shellinertia='true'/>"), "shellinertia"},
       {inside("<geom size='1' class='nowhere'/>"), "no default class 'nowhere'"},
@@ -339,7 +372,9 @@ TEST_CASE("mjcf: every fault has a message of one line that names the place") {
       {inside("<inertial pos='0 0 0' mass='1'/>"), "expected either diaginertia or fullinertia"},
       {inside("<inertial pos='0 0 0' mass='1' fullinertia='1 1 1 2 0 0'/>"), "expected a positive inertia"},
       {inside("<inertial pos='0 0 0' mass='1' fullinertia='1 1 1 0 0 0' euler='1 0 0'/>"), "expected no orientation"},
-      {inside("<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"), "a second one"},
+      {inside(
+           "<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"),
+       "a second one"},
       {inside("<body><joint name='j' type='slide'/></body>"), "joint 'j': type 'slide' is not supported"},
       {inside("<body><freejoint name='j'/>" + grain + "</body>"), "joint 'j': a free joint is for the root only"},
       {inside("<joint name='k' type='hinge'/>"), "its body's only joint"},
@@ -350,10 +385,12 @@ TEST_CASE("mjcf: every fault has a message of one line that names the place") {
       {inside("<body><joint name='j' limited='true'/></body>"), "expected range"},
       {inside("<body><joint name='j' limited='yes'/></body>"), "expected true, false or auto"},
       {inside("<body><joint name='j' damping='-1'/></body>"), "must not be negative"},
-      {inside("<body><joint name='j'/>" + grain + "</body><body><joint name='j'/>" + grain + "</body>"), "a second joint of that name"},
+      {inside("<body><joint name='j'/>" + grain + "</body><body><joint name='j'/>" + grain + "</body>"),
+       "a second joint of that name"},
       {inside("<body name='a'>" + grain + "</body>"), "a second body named 'a'"},
       {inside("<body name='z'><joint name='j'/></body>"), "body 'z': has zero mass"},
-      {inside("<body><joint name='j_x' axis='1 0 0' damping='1'/><joint name='j_y' axis='0 1 0'/><joint name='j_z'/></body>"),
+      {inside("<body><joint name='j_x' axis='1 0 0' damping='1'/><joint name='j_y' axis='0 1 0'/><joint "
+              "name='j_z'/></body>"),
        "joint 'j_y': three hinges become one ball joint 'j'"},
       {inside("<body mocap='true'/>"), "mocap"},
       {inside("<composite type='rope'/>"), "composite: is not supported in a body"},
@@ -403,7 +440,8 @@ TEST_CASE("mjcf: hostile sizes are refused") {
   CHECK(message(std::string((16u << 20) + 1, ' ')).find("at most 16 MiB") != std::string::npos);
   std::string classes;
   for (int i = 0; i < 1100; ++i) classes += "<default class='c" + std::to_string(i) + "'/>";
-  CHECK(message("<mujoco><default>" + classes + "</default></mujoco>").find("more than 1024 classes") != std::string::npos);
+  CHECK(message("<mujoco><default>" + classes + "</default></mujoco>").find("more than 1024 classes") !=
+        std::string::npos);
 }
 
 TEST_CASE("mjcf: a file that is not there") {

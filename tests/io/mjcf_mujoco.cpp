@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: MIT
 // The same files read by MuJoCo and by us. Apart from tests/io/mjcf.cpp so that a build without MuJoCo keeps that one.
-#include <traceur/io/mjcf.hpp>
-
-#include <doctest/doctest.h>
-#include <mujoco/mujoco.h>
-
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -13,7 +8,11 @@
 #include <random>
 #include <string>
 
+#include <doctest/doctest.h>
+#include <mujoco/mujoco.h>
+
 #include <traceur/body/kinematics.hpp>
+#include <traceur/io/mjcf.hpp>
 
 namespace {
 
@@ -116,7 +115,9 @@ void compare_text(const std::string& xml) {
 
 }  // namespace
 
-TEST_CASE("mjcf: MuJoCo reads the humanoid as we do") { compare(TRACEUR_SOURCE_DIR "/examples/characters/humanoid.xml"); }
+TEST_CASE("mjcf: MuJoCo reads the humanoid as we do") {
+  compare(TRACEUR_SOURCE_DIR "/examples/characters/humanoid.xml");
+}
 
 TEST_CASE("mjcf: MuJoCo reads a humanoid of hinges as we do") {
   const char* motions = std::getenv("TRACEUR_MOTIONS");

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/terrain_file.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <random>
 #include <string>
+
+#include <doctest/doctest.h>
+
+#include <traceur/io/terrain_file.hpp>
 
 namespace {
 
@@ -45,7 +45,8 @@ TEST_CASE("terrain file: what is written is read, bit for bit") {
 }
 
 TEST_CASE("terrain file: PARC's minimum is the middle of a cell, its outer index runs along x") {
-  const HeightGrid g = parse_terrain(R"({"fps":30,"terrain":{"hf":[[1,2,3],[4,5,6]],"min_point":[10,20],"dx":0.5,"hf_maxmin":[]}})", "t");
+  const HeightGrid g = parse_terrain(
+      R"({"fps":30,"terrain":{"hf":[[1,2,3],[4,5,6]],"min_point":[10,20],"dx":0.5,"hf_maxmin":[]}})", "t");
   CHECK(g.nx() == 2);
   CHECK(g.ny() == 3);
   CHECK(g.height(10, 20) == 1);

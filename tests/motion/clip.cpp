@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/motion/clip.hpp>
 
-#include <ceres/jet.h>
 #include <doctest/doctest.h>
 
 #include <limits>
@@ -76,23 +75,6 @@ TEST_CASE("velocity is that of the motion, in the documented axes") {
   Vec out(v.size()), a(clip.skeleton.nq()), b(clip.skeleton.nq());
   clip.velocity(0.2, 0.01, out, a, b);
   CHECK((out - v).norm() < 1e-9);
-}
-
-TEST_CASE("a dual reference time carries the derivative of the pose") {
-  using J = ceres::Jet<double, 1>;
-  Gait g;
-  g.turn = 0.3;
-  const Clip clip = gait(g, g.period, 31, true);
-  for (const double phi : {0.31, -2.05, 0.0, 4.4}) {
-    Eigen::Matrix<J, Eigen::Dynamic, 1> q(clip.skeleton.nq());
-    clip.sample(J(phi, 0), q.data());
-    const double h = 1e-6;
-    const Vec ahead = clip.sample(phi + 2 * h), behind = clip.sample(phi + 1e-12);
-    for (Eigen::Index i = 0; i < q.size(); ++i) {
-      CHECK(q[i].a == doctest::Approx(clip.sample(phi)[i]).epsilon(1e-12));
-      CHECK(q[i].v[0] == doctest::Approx((ahead[i] - behind[i]) / (2 * h)).epsilon(1e-4).scale(1.0));
-    }
-  }
 }
 
 TEST_CASE("contact labels interpolate and repeat") {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/motion/displacement.hpp>
 
-#include <ceres/jet.h>
 #include <doctest/doctest.h>
 
 #include "figure.hpp"
@@ -113,32 +112,6 @@ TEST_CASE("exact samples agree with the displaced clip at its keys, cycle after 
       motion::sample_displaced(clip, d, phi, q.data(), scratch.data());
       CHECK(distance(clip.skeleton, q, moved.sample(phi)) < 1e-6);
     }
-}
-
-TEST_CASE("dual displacements carry the derivative of the pose") {
-  using J = ceres::Jet<double, 2>;
-  std::mt19937_64 rng(25);
-  const auto clip = random_clip(rng, 5);
-  const auto d = random_displacement(rng, clip.skeleton, 3, clip.duration(), 0.5);
-  // Differentiates by the first displacement's 5th number and by reference time.
-  const double phi = 0.3 * clip.duration(), h = 1e-6;
-  const int row = 4;
-  const auto pose = [&](double change, double at) {
-    auto e = d;
-    e.values(row, 0) += change;
-    Vec q(clip.skeleton.nq()), scratch(clip.skeleton.nv());
-    motion::sample_displaced(clip, e, at, q.data(), scratch.data());
-    return q;
-  };
-  Displacement<J> dual{d.times, d.values.cast<J>()};
-  dual.values(row, 0).v[0] = 1;
-  Eigen::Matrix<J, Eigen::Dynamic, 1> q(clip.skeleton.nq()), scratch(clip.skeleton.nv());
-  motion::sample_displaced(clip, dual, J(phi, 1), q.data(), scratch.data());
-  const Vec by_value = (pose(h, phi) - pose(-h, phi)) / (2 * h), by_phase = (pose(0, phi + h) - pose(0, phi - h)) / (2 * h);
-  for (Eigen::Index i = 0; i < q.size(); ++i) {
-    CHECK(q[i].v[0] == doctest::Approx(by_value[i]).epsilon(1e-6).scale(1.0));
-    CHECK(q[i].v[1] == doctest::Approx(by_phase[i]).epsilon(1e-6).scale(1.0));
-  }
 }
 
 TEST_CASE("an episode's trace rebuilds its motion by displacement and warp") {

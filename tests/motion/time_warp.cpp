@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/motion/time_warp.hpp>
 
-#include <ceres/jet.h>
 #include <doctest/doctest.h>
 
 #include "figure.hpp"
@@ -41,7 +40,6 @@ void check_laws() {
 TEST_CASE("a warp increases strictly and its inverse undoes it, for every scalar") {
   check_laws<double>();
   check_laws<float>();
-  check_laws<ceres::Jet<double, 2>>();
 }
 
 TEST_CASE("knots are the running sum of exp(tau)") {
@@ -55,22 +53,6 @@ TEST_CASE("knots are the running sum of exp(tau)") {
   CHECK(w.phase(0.75) == doctest::Approx(1.0));
   CHECK(w.phase(2.5) == doctest::Approx(1.875));
   CHECK(w.phase(-1.0) == doctest::Approx(-1.0));
-}
-
-TEST_CASE("dual tau gives the derivative of the phase") {
-  using J = ceres::Jet<double, 4>;
-  std::mt19937_64 rng(12);
-  const Vec tau = random_tau(rng, 4, 1);
-  Eigen::Matrix<J, Eigen::Dynamic, 1> dual(4);
-  for (int i = 0; i < 4; ++i) dual[i] = J(tau[i], i);
-  const TimeWarp<J> w(dual, 0.2);
-  const double t = 0.47;
-  const J phi = w.phase(J(t));
-  // t lies in the third interval: full increments before it, a share of its own, none after.
-  CHECK(phi.v[0] == doctest::Approx(0.2 * std::exp(tau[0])));
-  CHECK(phi.v[1] == doctest::Approx(0.2 * std::exp(tau[1])));
-  CHECK(phi.v[2] == doctest::Approx(0.07 * std::exp(tau[2])));
-  CHECK(phi.v[3] == 0.0);
 }
 
 TEST_CASE("a warped clip is the composition, exactly") {

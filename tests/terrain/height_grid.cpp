@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/terrain/height_grid.hpp>
+#include <limits>
+#include <string>
 
 #include <doctest/doctest.h>
 
-#include <limits>
-#include <string>
+#include <traceur/terrain/height_grid.hpp>
 
 namespace {
 
@@ -38,8 +38,8 @@ TEST_CASE("height grid: every point of a cell has its height, also in float") {
       for (const double share : {0.0, 0.25, 0.999}) {
         const double x = -1 + (i + share) * 0.5, y = 2 + (j + share) * 0.5;
         CHECK(g.height(x, y) == i + 10 * j);
-        CHECK(g.table<float>().height(g.table<float>().column(static_cast<float>(x)), g.table<float>().row(static_cast<float>(y))) ==
-              static_cast<float>(i + 10 * j));
+        CHECK(g.table<float>().height(g.table<float>().column(static_cast<float>(x)),
+                                      g.table<float>().row(static_cast<float>(y))) == static_cast<float>(i + 10 * j));
       }
   CHECK(g.center_x(0) == -0.75);
   CHECK(g.center_y(2) == 3.25);

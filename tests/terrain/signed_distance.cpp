@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/terrain/signed_distance.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <vector>
+
+#include <doctest/doctest.h>
+
+#include <traceur/terrain/signed_distance.hpp>
 
 namespace {
 
@@ -18,7 +18,7 @@ using traceur::terrain::signed_distance;
 using traceur::terrain::surface;
 using traceur::terrain::SurfaceSample;
 using Vector = traceur::core::Vector3<double>;
-using Lanes = Pack<float, 8>;
+using Lanes = Pack<float>;
 
 HeightGrid random_grid(unsigned seed, int nx, int ny, double cell) {
   std::mt19937 generator(seed);
@@ -35,8 +35,8 @@ struct Face {
   Vector corner, u, v;
 };
 
-/// Every face of the surface listed one by one: tops, and the part of each wall that one neighbour leaves bare. The border
-/// cells are continued by `margin` metres.
+/// Every face of the surface listed one by one: tops, and the part of each wall that one neighbour leaves bare. The
+/// border cells are continued by `margin` metres.
 std::vector<Face> faces(const HeightGrid& g, double margin) {
   std::vector<Face> out;
   const auto low_x = [&](int i) { return g.x0() + i * g.cell() - (i == 0 ? margin : 0); };
@@ -119,7 +119,8 @@ TEST_CASE("signed distance: the normal is its gradient and of unit length") {
     // One step against the gradient meets the surface: the nearest point is on it.
     CHECK(std::abs(signed_distance(g, p - s.distance * s.normal)) < 1e-12);
     const auto slope = [&](const Vector& d) {
-      const double ahead = signed_distance(g, p + e * d) - s.distance, behind = s.distance - signed_distance(g, p - e * d);
+      const double ahead = signed_distance(g, p + e * d) - s.distance,
+                   behind = s.distance - signed_distance(g, p - e * d);
       // At a ridge of the distance the two slopes differ and there is no gradient.
       return std::abs(ahead - behind) < 1e-9 ? (ahead + behind) / (2 * e) : std::numeric_limits<double>::quiet_NaN();
     };
@@ -165,16 +166,17 @@ TEST_CASE("signed distance: packs and floats agree with double") {
   Points next(11, g);
   for (int k = 0; k < 500; ++k) {
     traceur::core::Vector3<Lanes> p{Lanes(0), Lanes(0), Lanes(0)};
-    Vector each[8];
-    for (int l = 0; l < 8; ++l) {
+    Vector each[Lanes::width];
+    for (int l = 0; l < Lanes::width; ++l) {
       each[l] = next();
       p.x.set(l, static_cast<float>(each[l].x));
       p.y.set(l, static_cast<float>(each[l].y));
       p.z.set(l, static_cast<float>(each[l].z));
     }
     const float reach = 0.3f;
-    const SurfaceSample<Lanes> exact = surface(g, p), contact = contact_surface(g, p, reach), wide = contact_surface(g, p, 2.0f);
-    for (int l = 0; l < 8; ++l) {
+    const SurfaceSample<Lanes> exact = surface(g, p), contact = contact_surface(g, p, reach),
+                               wide = contact_surface(g, p, 2.0f);
+    for (int l = 0; l < Lanes::width; ++l) {
       const Vector q{p.x[l], p.y[l], p.z[l]};
       const SurfaceSample<double> s = surface(g, q);
       CHECK(std::abs(exact.distance[l] - s.distance) < 1e-5);
@@ -221,7 +223,7 @@ TEST_CASE("signed distance: a lane that is not finite stays by itself") {
         const SurfaceSample<Lanes> exact = surface(grid, p), contact = contact_surface(grid, p, 0.1f);
         CHECK(std::isnan(exact.distance[3]));
         CHECK(std::isnan(contact.distance[3]));
-        for (int l = 0; l < 8; ++l)
+        for (int l = 0; l < Lanes::width; ++l)
           if (l != 3) CHECK(contact.distance[l] == good.distance[l]);
       }
 }

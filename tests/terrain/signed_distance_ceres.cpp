@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 // The signed distance in dual numbers. Apart from tests/terrain/signed_distance.cpp so that a build without Ceres keeps
 // that one.
-#include <traceur/terrain/signed_distance.hpp>
+#include <random>
 
 #include <ceres/jet.h>
 #include <doctest/doctest.h>
 
-#include <random>
+#include <traceur/terrain/signed_distance.hpp>
 
 using traceur::terrain::HeightGrid;
 using traceur::terrain::surface;
@@ -33,7 +33,8 @@ TEST_CASE("signed distance: the derivative of dual numbers is the normal, and th
       // Near edges a small step may lead to another face.
       if (norm(ahead.normal - s.normal) > 1e-4) continue;
       turned += norm(ahead.normal - s.normal) > 0;
-      CHECK(std::abs((ahead.normal.z - s.normal.z) / e - dual.normal.z.v[0]) < 1e-3 * (1 + std::abs(dual.normal.z.v[0])));
+      CHECK(std::abs((ahead.normal.z - s.normal.z) / e - dual.normal.z.v[0]) <
+            1e-3 * (1 + std::abs(dual.normal.z.v[0])));
     }
   CHECK(turned > 100);
 }
@@ -43,7 +44,8 @@ TEST_CASE("signed distance: dual numbers stay finite on the surface") {
   Eigen::MatrixXd h = Eigen::MatrixXd::Zero(3, 3);
   h(0, 1) = 1;
   const HeightGrid g(h, 1.0);
-  for (const auto& p : {Eigen::Vector3d(1.5, 1.5, 0), Eigen::Vector3d(1.0, 1.5, 0.5), Eigen::Vector3d(1.0, 1.0, 0.5), Eigen::Vector3d(1, 1, 0)}) {
+  for (const auto& p : {Eigen::Vector3d(1.5, 1.5, 0), Eigen::Vector3d(1.0, 1.5, 0.5), Eigen::Vector3d(1.0, 1.0, 0.5),
+                        Eigen::Vector3d(1, 1, 0)}) {
     const auto s = surface(g, traceur::core::Vector3<Jet>{Jet(p[0], 0), Jet(p[1], 1), Jet(p[2], 2)});
     CHECK(std::abs(s.distance.a) < 1e-12);
     CHECK(s.distance.v.norm() == doctest::Approx(1.0));

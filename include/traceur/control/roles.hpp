@@ -17,6 +17,7 @@ struct Roles {
   };
   std::array<Leg, 2> legs;
   int waist = -1;                ///< first joint from the root towards the head
+  std::vector<int> upper_trunk;  ///< joints between the waist and the first joint that carries arms, that one included
   std::vector<int> head;         ///< leaves above the root that lie near its middle
   std::vector<int> mirror;       ///< the body on the other side, itself on the middle line
 
@@ -64,6 +65,15 @@ inline Roles find_roles(const sim::Model& model) {
   for (int b = 1; b < n && r.waist < 0; ++b)
     if (parent(b) == 0 && b != r.legs[0].hip && b != r.legs[1].hip) r.waist = b;
   if (r.waist < 0) throw Error(where + "expected a trunk above the root");
+  // From the waist up while the chain does not branch: the joint below the branch is the chest.
+  for (int b = r.waist;;) {
+    std::vector<int> children;
+    for (int k = b + 1; k < n; ++k)
+      if (parent(k) == b) children.push_back(k);
+    if (children.size() != 1 || leaf[static_cast<std::size_t>(children[0])]) break;
+    b = children[0];
+    r.upper_trunk.push_back(b);
+  }
   r.mirror.resize(static_cast<std::size_t>(n));
   for (int b = 0; b < n; ++b) {
     int best = b;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -23,7 +24,11 @@ inline void append_list(std::string& out, const double* values, Eigen::Index cou
   out += '[';
   for (Eigen::Index i = 0; i < count; ++i) {
     if (i > 0) out += ',';
-    append_number(out, values[i]);
+    // Without a point a JSON reader takes it for a whole number, which has no negative zero.
+    if (values[i] == 0 && std::signbit(values[i]))
+      out += "-0.0";
+    else
+      append_number(out, values[i]);
   }
   out += ']';
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -23,7 +22,7 @@ namespace detail {
 
 /// Turns the elements of one MJCF file into a character.
 class MjcfReader {
- public:
+public:
   MjcfReader(std::string_view text, const std::string& name) : xml_(text, name) {}
 
   body::Character read() {
@@ -63,7 +62,7 @@ class MjcfReader {
     return std::move(out_);
   }
 
- private:
+private:
   using Vector = core::Vector3<double>;
   using Quaternion = core::Quaternion<double>;
   static constexpr int max_bodies = 1024;
@@ -101,8 +100,10 @@ class MjcfReader {
     if (xml_.word(e, "coordinate", "local") != "local") xml_.fail(node, "coordinate: only local is supported");
     autolimits_ = xml_.flag(e, "autolimits", autolimits_);
     const std::string_view from = xml_.word(e, "inertiafromgeom", "");
-    if (from == "true" || from == "false" || from == "auto") inertia_from_geoms_ = from;
-    else if (!from.empty()) xml_.fail(node, "inertiafromgeom: expected true, false or auto");
+    if (from == "true" || from == "false" || from == "auto")
+      inertia_from_geoms_ = from;
+    else if (!from.empty())
+      xml_.fail(node, "inertiafromgeom: expected true, false or auto");
     const std::string_view sequence = xml_.word(e, "eulerseq", euler_sequence_);
     if (sequence.size() != 3 || sequence.find_first_not_of("xyzXYZ") != std::string_view::npos)
       xml_.fail(node, "eulerseq: expected three of xyzXYZ");
@@ -178,15 +179,20 @@ class MjcfReader {
     if (!node.attribute("data")) xml_.fail(node, "expected data");
     for (double& v : range.values) v *= radians();
     for (std::size_t i = 0; i < 6; i += 2)
-      if (!(range.values[i] <= range.values[i + 1])) xml_.fail(node, "data: a range has its lower end above its upper end");
+      if (!(range.values[i] <= range.values[i + 1]))
+        xml_.fail(node, "data: a range has its lower end above its upper end");
     ranges_[name.substr(0, name.size() - suffix.size())] = range;
   }
 
   double radians() const { return degrees_ ? std::numbers::pi / 180 : 1; }
 
-  static bool decoration(std::string_view tag) { return tag == "site" || tag == "camera" || tag == "light" || tag.empty(); }
+  static bool decoration(std::string_view tag) {
+    return tag == "site" || tag == "camera" || tag == "light" || tag.empty();
+  }
 
-  bool collides(const MjcfElement& e) const { return xml_.number(e, "contype", 1) != 0 || xml_.number(e, "conaffinity", 1) != 0; }
+  bool collides(const MjcfElement& e) const {
+    return xml_.number(e, "contype", 1) != 0 || xml_.number(e, "conaffinity", 1) != 0;
+  }
 
   /// The shortest rotation that takes the z axis to `v`.
   static Quaternion from_z(const Vector& v) {
@@ -245,7 +251,8 @@ class MjcfReader {
       const char axis = euler_sequence_[i];
       const bool moving = axis >= 'x';
       const int k = moving ? axis - 'x' : axis - 'X';
-      const Quaternion turn = core::about_axis(Vector{k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}, v[i] * radians());
+      const Quaternion turn =
+          core::about_axis(Vector{k == 0 ? 1.0 : 0.0, k == 1 ? 1.0 : 0.0, k == 2 ? 1.0 : 0.0}, v[i] * radians());
       q = moving ? q * turn : turn * q;
     }
     return q;
@@ -261,16 +268,21 @@ class MjcfReader {
     if (mass < 0 || density < 0) xml_.fail(e.node, "mass and density must not be negative");
     if (xml_.flag(e, "shellinertia", false)) xml_.fail(e.node, "shellinertia is not supported");
     if (!known) {
-      if (solid) xml_.fail(e.node, "type '" + MjcfDocument::printable(type) + "' is not supported; expected sphere, capsule or box");
+      if (solid)
+        xml_.fail(e.node,
+                  "type '" + MjcfDocument::printable(type) + "' is not supported; expected sphere, capsule or box");
       if (weighed && (has_mass ? mass : density) > 0)
-        xml_.fail(e.node, "the mass of type '" + MjcfDocument::printable(type) + "' is not computed; expected mass 0 or <inertial>");
+        xml_.fail(e.node, "the mass of type '" + MjcfDocument::printable(type) +
+                              "' is not computed; expected mass 0 or <inertial>");
       return {};
     }
     body::Shape shape;
     shape.name = xml_.name_of(e.node);
     if (shape.name.empty()) shape.name = out_.skeleton[index].body;
     shape.body = index;
-    shape.kind = type == "sphere" ? body::Shape::Kind::sphere : type == "capsule" ? body::Shape::Kind::capsule : body::Shape::Kind::box;
+    shape.kind = type == "sphere"    ? body::Shape::Kind::sphere
+                 : type == "capsule" ? body::Shape::Kind::capsule
+                                     : body::Shape::Kind::box;
     double ends[6];
     const bool spanned = xml_.numbers(e, "fromto", ends, 6, 6) > 0 && type != "sphere";
     const int wanted = type == "sphere" || spanned ? 1 : type == "capsule" ? 2 : 3;
@@ -331,9 +343,12 @@ class MjcfReader {
     Stop joint{node, xml_.name_of(node), body::JointType::free, {0, 0, 0}, {0, 0, 1}, {}};
     if (!joint.name.empty() && !joints_.insert(joint.name).second) xml_.fail(node, "a second joint of that name");
     if (type == "free") return joint;
-    if (type == "ball") joint.type = body::JointType::ball;
-    else if (type == "hinge") joint.type = body::JointType::hinge;
-    else xml_.fail(node, "type '" + MjcfDocument::printable(type) + "' is not supported; expected free, ball or hinge");
+    if (type == "ball")
+      joint.type = body::JointType::ball;
+    else if (type == "hinge")
+      joint.type = body::JointType::hinge;
+    else
+      xml_.fail(node, "type '" + MjcfDocument::printable(type) + "' is not supported; expected free, ball or hinge");
     const bool ball = joint.type == body::JointType::ball;
     if (ball && !joint.name.empty()) balls_.insert(joint.name);
     joint.position = xml_.vector(e, "pos", {0, 0, 0});
@@ -354,8 +369,10 @@ class MjcfReader {
       if (!(r[0] <= r[1])) xml_.fail(node, "range has its lower end above its upper end");
       if (ball && r[0] != 0) xml_.fail(node, "range of a ball joint: expected '0 angle'");
       a.limited = !ball;
-      if (ball) a.cone = r[1] * radians();
-      else a.lower.x = r[0] * radians(), a.upper.x = r[1] * radians();
+      if (ball)
+        a.cone = r[1] * radians();
+      else
+        a.lower.x = r[0] * radians(), a.upper.x = r[1] * radians();
     }
     const auto range = ball ? ranges_.find(joint.name) : ranges_.end();
     if (range != ranges_.end()) {
@@ -413,7 +430,8 @@ class MjcfReader {
       while (same < prefix.size() && same < j.name.size() && prefix[same] == j.name[same]) ++same;
       prefix.resize(same);
     }
-    while (!prefix.empty() && std::string_view("_-. :").find(prefix.back()) != std::string_view::npos) prefix.pop_back();
+    while (!prefix.empty() && std::string_view("_-. :").find(prefix.back()) != std::string_view::npos)
+      prefix.pop_back();
     ball.name = prefix.empty() ? body : prefix;
     body::Actuator& a = ball.actuator;
     std::array<double, 3> lower{}, upper{};
@@ -429,7 +447,8 @@ class MjcfReader {
       upper[k] = sign > 0 ? high : -low;
       a.torque_limit = std::max(a.torque_limit, h.torque_limit);
       if (!agree(a.stiffness, h.stiffness) || !agree(a.damping, h.damping) || !agree(a.armature, h.armature))
-        xml_.fail(j.node, "three hinges become one ball joint '" + ball.name + "'; expected them to agree in stiffness, damping and armature");
+        xml_.fail(j.node, "three hinges become one ball joint '" + ball.name +
+                              "'; expected them to agree in stiffness, damping and armature");
     }
     a.lower = Vector::from(lower.data());
     a.upper = Vector::from(upper.data());
@@ -438,7 +457,8 @@ class MjcfReader {
 
   int append(const std::string& name, const std::string& body, int parent, const Stop* stop, const Vector& offset,
              const Quaternion& rest, pugi::xml_node node) {
-    if (out_.skeleton.size() == max_bodies) xml_.fail(node, "more than " + std::to_string(max_bodies) + " bodies and joints");
+    if (out_.skeleton.size() == max_bodies)
+      xml_.fail(node, "more than " + std::to_string(max_bodies) + " bodies and joints");
     body::Joint joint;
     joint.name = name;
     joint.body = body;
@@ -472,13 +492,15 @@ class MjcfReader {
     }
     if (free && bodies.size() > 1) xml_.fail(bodies[1], "expected one character; a free body stands beside another");
     int parent = -1;
-    if (jointed || bodies.size() > 1) parent = append("world", "world", -1, nullptr, {0, 0, 0}, Quaternion::identity(), root);
+    if (jointed || bodies.size() > 1)
+      parent = append("world", "world", -1, nullptr, {0, 0, 0}, Quaternion::identity(), root);
     for (const pugi::xml_node b : bodies) read_body(b, parent, {0, 0, 0}, 0, 0);
   }
 
   /// `parent_shift` is the parent's joint seen from the frame that the file gives the parent.
   void read_body(pugi::xml_node node, int parent, const Vector& parent_shift, int inherited, int depth) {
-    if (depth > MjcfDocument::max_depth) xml_.fail(node, "nested more than " + std::to_string(MjcfDocument::max_depth) + " deep");
+    if (depth > MjcfDocument::max_depth)
+      xml_.fail(node, "nested more than " + std::to_string(MjcfDocument::max_depth) + " deep");
     inherited = xml_.class_of(node, inherited, "childclass");
     const MjcfElement e{node, 0};
     if (xml_.flag(e, "mocap", false)) xml_.fail(node, "mocap is not supported");
@@ -487,15 +509,20 @@ class MjcfReader {
     std::vector<Stop> joints;
     for (const pugi::xml_node child : node.children()) {
       const std::string_view tag = child.name();
-      if (tag == "joint" || tag == "freejoint") joints.push_back(read_joint(child, inherited));
-      else if (tag != "geom" && tag != "body" && tag != "inertial" && !decoration(tag)) xml_.fail(child, "is not supported in a body");
+      if (tag == "joint" || tag == "freejoint")
+        joints.push_back(read_joint(child, inherited));
+      else if (tag != "geom" && tag != "body" && tag != "inertial" && !decoration(tag))
+        xml_.fail(child, "is not supported in a body");
     }
     for (std::size_t i = 0; i < joints.size(); ++i) {
       if (joints.size() > 1 && joints[i].type != body::JointType::hinge)
         xml_.fail(joints[i].node, "a free or ball joint is its body's only joint");
-      if (joints[i].type == body::JointType::free && parent >= 0) xml_.fail(joints[i].node, "a free joint is for the root only");
+      if (joints[i].type == body::JointType::free && parent >= 0)
+        xml_.fail(joints[i].node, "a free joint is for the root only");
       if (joints[i].name.empty())
-        joints[i].name = joints[i].type == body::JointType::free ? "root" : joints.size() > 1 ? name + ":" + std::to_string(i) : name;
+        joints[i].name = joints[i].type == body::JointType::free ? "root"
+                         : joints.size() > 1                     ? name + ":" + std::to_string(i)
+                                                                 : name;
     }
     if (fusible(joints)) {
       joints = {fused(joints, name)};
@@ -514,7 +541,8 @@ class MjcfReader {
     } else {
       for (std::size_t i = 0; i < joints.size(); ++i) {
         const bool first = i == 0, last = i + 1 == joints.size();
-        const Vector offset = first ? place + turn.rotate(joints[i].position) - parent_shift : joints[i].position - shift;
+        const Vector offset =
+            first ? place + turn.rotate(joints[i].position) - parent_shift : joints[i].position - shift;
         shift = joints[i].position;
         index = append(joints[i].name, last ? name : name + ":" + joints[i].name, index, &joints[i], offset,
                        first ? turn : Quaternion::identity(), joints[i].node);
@@ -531,8 +559,10 @@ class MjcfReader {
     const bool geoms = inertia_from_geoms_ == "true" || (inertia_from_geoms_ == "auto" && !given);
     for (const pugi::xml_node child : node.children("geom"))
       summed = body::combined(summed, read_geom({child, xml_.class_of(child, inherited)}, index, shift, geoms));
-    if (geoms) out_.inertias[static_cast<std::size_t>(index)] = summed;
-    else if (given) out_.inertias[static_cast<std::size_t>(index)] = stated;
+    if (geoms)
+      out_.inertias[static_cast<std::size_t>(index)] = summed;
+    else if (given)
+      out_.inertias[static_cast<std::size_t>(index)] = stated;
     for (const pugi::xml_node child : node.children("body")) read_body(child, index, shift, inherited, depth + 1);
   }
 
@@ -555,25 +585,30 @@ class MjcfReader {
 /// character where the file does not.
 ///
 /// Read: compiler angle, autolimits (true unless the file says otherwise), inertiafromgeom, eulerseq; nested default
-/// classes; bodies with pos and any orientation; free, ball and hinge joints; sphere, capsule and box geoms with mass or
-/// density, or explicit <inertial>; motor, general and position actuators.
+/// classes; bodies with pos and any orientation; free, ball and hinge joints; sphere, capsule and box geoms with mass
+/// or density, or explicit <inertial>; motor, general and position actuators.
 ///
 /// - A joint's frame is its body's frame moved to the joint's `pos`.
-/// - Three hinges of one body at one point along its three axes become one ball joint named by their common prefix. Their
+/// - Three hinges of one body at one point along its three axes become one ball joint named by their common prefix.
+/// Their
 ///   ranges become the box of the rotation vector, which near the stops is close to the original and not equal to it.
 ///   Other sets of hinges become a chain of massless bodies named "body:joint".
 /// - A root without a free joint is fixed; hinges and balls on it hang from a massless fixed body "world".
 /// - Joint stiffness and damping are taken as the gains of the joint's motor (springref is not read); a position
 ///   actuator adds its gains. `range` of a ball joint is its cone; <custom><numeric name="J:range" data="x x y y z z"/>
 ///   in the compiler's angle unit is the box of ball joint J, which MuJoCo passes over.
-/// - The torque limit is gear times the largest control or force; of a ball joint the largest of its three axes; infinity
+/// - The torque limit is gear times the largest control or force; of a ball joint the largest of its three axes;
+/// infinity
 ///   for a joint without actuator.
-/// - Not read: sites, tendons, contact pairs, sensors, keyframes, options, and geoms that collide with nothing except for
-///   their mass. What would change the motion otherwise (equality constraints, slides, meshes, other actuators, <include>)
-///   throws.
+/// - Not read: sites, tendons, contact pairs, sensors, keyframes, options, and geoms that collide with nothing except
+/// for
+///   their mass. What would change the motion otherwise (equality constraints, slides, meshes, other actuators,
+///   <include>) throws.
 ///
 /// Throws Error, one line with file, line, element and what was expected; and what body::check_character throws.
-inline body::Character parse_mjcf(std::string_view text, const std::string& name) { return detail::MjcfReader(text, name).read(); }
+inline body::Character parse_mjcf(std::string_view text, const std::string& name) {
+  return detail::MjcfReader(text, name).read();
+}
 
 /// A character from an MJCF file; see parse_mjcf. Throws Error if the file cannot be read.
 inline body::Character read_mjcf(const std::filesystem::path& path) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <string>
@@ -180,8 +181,6 @@ inline void read_parc(const Json& root, const std::string& where, LoadedClip& ou
   if (const auto terrain = root.find("terrain"); terrain != root.end()) out.terrain = read_heights(*terrain, where + ": terrain");
   out.report.format = "PARC JSON";
   out.report.fps = fps;
-  for (const char* key : {"path_nodes", "obs", "hf_mask_inds"})
-    if (root.contains(key)) out.report.notes.push_back(std::string("dropped the field '") + key + "'");
   if (wraps) make_cyclic(out);
 }
 
@@ -209,6 +208,13 @@ inline LoadedClip parse_motion_json(std::string_view text, const std::string& wh
     read_parc(root, where, out);
   else
     throw Error(where + ": expected a field root_translation (AMP) or root_pos (PARC), found neither");
+  const std::array<std::string_view, 16> used{"format",         "source",            "fps",              "loop_mode",
+                                              "root_pos",       "root_rot",          "joint_rot",        "body_contacts",
+                                              "terrain",        "node_names",        "parent_indices",   "local_translation",
+                                              "is_local",       "root_translation",  "rotation",         "name"};
+  for (const auto& field : root.items())
+    if (std::find(used.begin(), used.end(), field.key()) == used.end() && out.report.notes.size() < 20)
+      out.report.notes.push_back("dropped the field " + shown(field.key()));
   out.clip.check();
   return out;
 }

@@ -4,9 +4,10 @@
 #include <cstddef>
 #include <filesystem>
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
+
+#include <nlohmann/json.hpp>
 
 #include "traceur/core/error.hpp"
 #include "traceur/io/atomic_file.hpp"
@@ -45,7 +46,8 @@ inline Eigen::MatrixXd terrain_heights(const nlohmann::json& value, const std::s
   Eigen::MatrixXd h(static_cast<Eigen::Index>(nx), static_cast<Eigen::Index>(ny));
   for (std::size_t i = 0; i < nx; ++i) {
     const std::string row = where + "[" + std::to_string(i) + "]";
-    if (!value[i].is_array() || value[i].size() != ny) throw Error(row + ": expected " + std::to_string(ny) + " heights");
+    if (!value[i].is_array() || value[i].size() != ny)
+      throw Error(row + ": expected " + std::to_string(ny) + " heights");
     for (std::size_t j = 0; j < ny; ++j) {
       if (!value[i][j].is_number()) throw Error(row + "[" + std::to_string(j) + "]: expected a number");
       h(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = value[i][j].get<double>();
@@ -57,18 +59,23 @@ inline Eigen::MatrixXd terrain_heights(const nlohmann::json& value, const std::s
 }  // namespace detail
 
 /// A height grid from a JSON object, in either of two forms, heights[i][j] with i along x:
-/// ours, {"cell_m": d, "corner_m": [x0, y0], "heights_m": [[...], ...]} with the lowest corner of cell (0, 0); and PARC's,
+/// ours, {"cell_m": d, "corner_m": [x0, y0], "heights_m": [[...], ...]} with the lowest corner of cell (0, 0); and
+/// PARC's,
 /// {"dx": d, "min_point": [x, y], "hf": [[...], ...]}, where min_point is the middle of cell (0, 0) (PARC A.1). Other
 /// fields are passed over. Throws Error, one line beginning with `where`.
 inline terrain::HeightGrid terrain_from_json(const nlohmann::json& object, const std::string& where) {
   if (!object.is_object()) throw Error(where + ": expected an object");
   const bool parc = object.contains("hf");
-  const std::string side_key = parc ? "dx" : "cell_m", place_key = parc ? "min_point" : "corner_m", heights_key = parc ? "hf" : "heights_m";
-  const double side = detail::terrain_number(detail::terrain_field(object, side_key.c_str(), where), where + ": " + side_key);
-  Eigen::Vector2d corner = detail::terrain_pair(detail::terrain_field(object, place_key.c_str(), where), where + ": " + place_key);
+  const std::string side_key = parc ? "dx" : "cell_m", place_key = parc ? "min_point" : "corner_m",
+                    heights_key = parc ? "hf" : "heights_m";
+  const double side =
+      detail::terrain_number(detail::terrain_field(object, side_key.c_str(), where), where + ": " + side_key);
+  Eigen::Vector2d corner =
+      detail::terrain_pair(detail::terrain_field(object, place_key.c_str(), where), where + ": " + place_key);
   if (parc) corner.array() -= 0.5 * side;
-  return terrain::HeightGrid(detail::terrain_heights(detail::terrain_field(object, heights_key.c_str(), where), where + ": " + heights_key),
-                             side, corner.x(), corner.y(), where);
+  return terrain::HeightGrid(
+      detail::terrain_heights(detail::terrain_field(object, heights_key.c_str(), where), where + ": " + heights_key),
+      side, corner.x(), corner.y(), where);
 }
 
 /// A height grid from JSON text; a file with a field "terrain", as a motion of PARC is, is read for that field alone.

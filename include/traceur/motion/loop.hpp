@@ -88,10 +88,10 @@ inline CycleMisfit cycle_misfit(const Clip& clip, double from, double to, double
   return out;
 }
 
-/// Misfits up to which a clip's ends are close enough to be closed into a cycle without visible harm.
+/// Misfits up to which a clip's ends are close enough to be closed into a cycle.
 struct CycleLimits {
-  double position_m = 0.15;
-  double velocity_m_s = 1.5;
+  double position_m = 0.25;
+  double velocity_m_s = 2.5;
   double joint_rad = 0.6;
   double tilt_rad = 0.3;
 };

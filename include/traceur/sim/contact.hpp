@@ -28,10 +28,11 @@ struct LinearContact {
 
 /// The contact law, implicit in velocity (no global solver: each contact is a small inertia added to its body).
 ///
-/// Normal: a spring on the penetration (capped) and a damper, never pulling at the present velocity. Tangential: a bristle
-/// that sticks like a damped spring up to the Coulomb cone, and beyond it slides with f = mu f_n / |u_t| against u_t. The
-/// speed in that quotient is extrapolated from the last two steps, which keeps sliding friction at mu f_n to second order
-/// in dt while the implicit form cannot reverse a slide. A bristle holds its place, so a standing foot does not creep.
+/// Normal: a spring on the penetration (capped) and a damper, never pulling at the present velocity. Tangential: a bristle,
+/// that is a damped spring anchored to the ground, weakened by the share that brings its force down to the Coulomb cone
+/// mu f_n. Below the cone it holds its place, so a standing foot does not creep; beyond it the force is mu f_n however slow
+/// the slide. The speed that sets the share is extrapolated from the last two steps, which keeps sliding friction at mu f_n
+/// to second order in dt while the implicit form stays a plain damper.
 ///
 /// `depth` > 0 m is the penetration, `normal` the unit outward normal, `velocity` that of the touching point (m/s).
 template <class S>
@@ -57,13 +58,13 @@ template <class S>
   const S cone = friction * fn;
   const S stick = constant(p.bristle_stiffness * p.dt + p.bristle_damping);
   const Vector3<S> hold = constant(p.bristle_stiffness) * memory.bristle;
-  const Vector3<S> trial = hold + stick * ut;
   const S speed = sqrt(squared_norm(ut));
-  const S ahead = core::max(speed + (speed - memory.sliding_speed), S(static_cast<T>(0.5)) * speed);
-  const auto slipping = squared_norm(trial) > cone * cone;
-  const S slide = core::min(cone / core::max(ahead, constant(p.slip_speed)), constant(1e6));
-  const S kt = select(slipping, slide, stick);
-  const Vector3<S> push = spring * normal - select(slipping, Vector3<S>::zero(), hold);
+  const S before = select(memory.normal_force > zero, memory.sliding_speed, speed);
+  const S ahead = core::max(speed + (speed - before), constant(0.5) * speed);
+  const Vector3<S> trial = hold + (stick * ahead / core::max(speed, constant(1e-12))) * ut;
+  const S share = cone / core::max(core::max(sqrt(squared_norm(trial)), cone), constant(1e-12));
+  const S kt = share * stick;
+  const Vector3<S> push = spring * normal - share * hold;
   // kt (1 - n n^T) + kn n n^T
   Symmetric3<S> k = Symmetric3<S>::scalar(kt);
   k += Symmetric3<S>::outer(kn - kt, normal);

@@ -18,7 +18,6 @@ struct Parameters {
   double spring_depth = 0.02;           ///< penetration beyond which the normal spring grows no more, m
   double bristle_stiffness = 1e5;       ///< tangential spring that holds a sticking contact, N/m
   double bristle_damping = 500;         ///< tangential damper of a sticking contact, N s/m
-  double slip_speed = 1e-3;             ///< sliding speed below which friction is viscous, m/s
   double stop_stiffness = 1500;         ///< joint limit spring, N m/rad
   double stop_damping = 30;             ///< joint limit damper, N m s/rad
   double joint_speed_limit = 60;        ///< joint speeds are clamped to this, rad/s
@@ -34,7 +33,6 @@ struct Parameters {
     };
     positive(dt, "dt");
     positive(spring_depth, "spring_depth");
-    positive(slip_speed, "slip_speed");
     positive(joint_speed_limit, "joint_speed_limit");
     at_least_zero(gravity, "gravity");
     at_least_zero(friction, "friction");

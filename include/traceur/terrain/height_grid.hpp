@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -9,6 +8,8 @@
 #include <type_traits>
 #include <utility>
 #include <vector>
+
+#include <Eigen/Core>
 
 #include "traceur/core/error.hpp"
 #include "traceur/core/scalar.hpp"
@@ -27,17 +28,23 @@ struct HeightTable {
   std::vector<T> tops;     ///< highest of the cell and the eight around it, m
 
   /// The cell that holds a coordinate; the border's beyond the border; a safe index for a NaN.
-  int column(T x) const noexcept { return static_cast<int>(core::clamp((x - x0) * inverse_cell, T(0), static_cast<T>(nx - 1))); }
-  int row(T y) const noexcept { return static_cast<int>(core::clamp((y - y0) * inverse_cell, T(0), static_cast<T>(ny - 1))); }
-  T height(int i, int j) const noexcept { return heights[static_cast<std::size_t>(i) + static_cast<std::size_t>(nx) * static_cast<std::size_t>(j)]; }
+  int column(T x) const noexcept {
+    return static_cast<int>(core::clamp((x - x0) * inverse_cell, T(0), static_cast<T>(nx - 1)));
+  }
+  int row(T y) const noexcept {
+    return static_cast<int>(core::clamp((y - y0) * inverse_cell, T(0), static_cast<T>(ny - 1)));
+  }
+  T height(int i, int j) const noexcept {
+    return heights[static_cast<std::size_t>(i) + static_cast<std::size_t>(nx) * static_cast<std::size_t>(j)];
+  }
   /// The lower bound of column i; that of column i + 1 is its upper bound.
   T edge_x(int i) const noexcept { return x0 + static_cast<T>(i) * cell; }
   T edge_y(int j) const noexcept { return y0 + static_cast<T>(j) * cell; }
 };
 
-/// Terrain of square columns (Xu et al. 2025, "PARC", A.1): the column over cell (i, j) has a flat top at height h(i, j)
-/// and reaches down without end. Outside the grid the cells at its border go on for ever, so the ground has no edge to
-/// fall from. World frame, metres, z up.
+/// Terrain of square columns (Xu et al. 2025, "PARC", A.1): the column over cell (i, j) has a flat top at height h(i,
+/// j) and reaches down without end. Outside the grid the cells at its border go on for ever, so the ground has no edge
+/// to fall from. World frame, metres, z up.
 ///
 ///   y ^  +----+----+----+
 ///     |  |0,1 |1,1 |2,1 |     i counts along x, j along y
@@ -47,11 +54,11 @@ struct HeightTable {
 ///     |  ^ (x0, y0)
 ///     +-------------------> x
 class HeightGrid {
- public:
+public:
   static constexpr double default_cell = 0.4;
 
-  /// A grid of heights.rows() cells along x by heights.cols() along y, with the lowest corner of cell (0, 0) at (x0, y0).
-  /// Throws Error, one line beginning with `where`, if a size is zero or a number is not finite.
+  /// A grid of heights.rows() cells along x by heights.cols() along y, with the lowest corner of cell (0, 0) at (x0,
+  /// y0). Throws Error, one line beginning with `where`, if a size is zero or a number is not finite.
   explicit HeightGrid(Eigen::MatrixXd heights, double cell = default_cell, double x0 = 0, double y0 = 0,
                       const std::string& where = "height grid")
       : heights_(std::move(heights)) {
@@ -108,7 +115,7 @@ class HeightGrid {
     }
   }
 
- private:
+private:
   template <class T>
   void fill(HeightTable<T>& t, double cell, double x0, double y0) const {
     t.x0 = static_cast<T>(x0);

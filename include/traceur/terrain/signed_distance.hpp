@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "traceur/core/pack.hpp"
 #include "traceur/core/vector3.hpp"
@@ -26,9 +27,9 @@ struct NearestCell {
   bool inside;
 };
 
-/// Why one search serves both sides: ground is the union of the columns below each cell's top, air the union of the columns
-/// above. Outside, the distance is that to the nearest column of ground; inside, that to the nearest column of air. Faces
-/// between neighbouring columns of ground, which are no surface, never enter.
+/// Why one search serves both sides: ground is the union of the columns below each cell's top, air the union of the
+/// columns above. Outside, the distance is that to the nearest column of ground; inside, that to the nearest column of
+/// air. Faces between neighbouring columns of ground, which are no surface, never enter.
 template <class T>
 inline NearestCell nearest_cell(const HeightTable<T>& t, T x, T y, T z) noexcept {
   const int i0 = t.column(x), j0 = t.row(y);
@@ -86,7 +87,8 @@ inline SurfaceSample<S> surface_of_one(const HeightGrid& grid, const core::Vecto
   const HeightTable<T>& t = grid.table<T>();
   const T x = core::plain(p.x), y = core::plain(p.y), z = core::plain(p.z);
   const core::Vector3<S> up{S(0.0), S(0.0), S(1.0)};
-  if (!std::isfinite(x) || !std::isfinite(y) || !std::isfinite(z)) return {S(std::numeric_limits<double>::quiet_NaN()), up};
+  if (!std::isfinite(x) || !std::isfinite(y) || !std::isfinite(z))
+    return {S(std::numeric_limits<double>::quiet_NaN()), up};
   if (grid.is_flat()) return {p.z - S(t.highest), up};
   const NearestCell n = nearest_cell(t, x, y, z);
   const S height(t.height(n.i, n.j));
@@ -114,8 +116,8 @@ inline SurfaceSample<S> surface_of_one(const HeightGrid& grid, const core::Vecto
 /// Exact signed distance of a point from the ground and its gradient, by looking at ever larger rings of cells until no
 /// nearer one is possible. Any scalar: `double`, `float`, `ceres::Jet`, a pack (lane by lane).
 ///
-/// Where two points of the surface are equally near the gradient belongs to one of them, always the same one. A point that
-/// is not finite has the distance NaN and the normal +z.
+/// Where two points of the surface are equally near the gradient belongs to one of them, always the same one. A point
+/// that is not finite has the distance NaN and the normal +z.
 template <core::Scalar S>
 inline SurfaceSample<S> surface(const HeightGrid& grid, const core::Vector3<S>& p) noexcept {
   if constexpr (std::is_same_v<S, core::Element<S>>) {
@@ -140,14 +142,16 @@ inline S signed_distance(const HeightGrid& grid, const core::Vector3<S>& p) noex
   return surface(grid, p).distance;
 }
 
-/// As `surface`, for contacts: exact (to a micrometre and rounding) where the distance is at most `reach` (m); elsewhere the
-/// distance is some number above `reach` and the normal any unit vector. A pack looks only at the cells around each lane's own, and at
-/// one number where all lanes are high above them. A lane that is not finite has the distance NaN and reads no foreign
-/// memory.
+/// As `surface`, for contacts: exact (to a micrometre and rounding) where the distance is at most `reach` (m);
+/// elsewhere the distance is some number above `reach` and the normal any unit vector. A pack looks only at the cells
+/// around each lane's own, and at one number where all lanes are high above them. A lane that is not finite has the
+/// distance NaN and reads no foreign memory.
 template <core::Scalar S>
-inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vector3<S>& p, core::Element<S> reach) noexcept {
+inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vector3<S>& p,
+                                        core::Element<S> reach) noexcept {
   using core::clamp;
   using core::max;
+  using core::min;
   using core::select;
   using T = core::Element<S>;
   if constexpr (std::is_same_v<S, T>) {
@@ -165,6 +169,9 @@ inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vect
     constexpr int lanes = core::lane_count<S>;
     const S px = clamp((p.x - S(t.x0)) * S(t.inverse_cell), zero, S(t.nx - 1));
     const S py = clamp((p.y - S(t.y0)) * S(t.inverse_cell), zero, S(t.ny - 1));
+    const T* const tops = t.tops.data();
+    const T* const heights = t.heights.data();
+    const int nx = t.nx, ny = t.ny;
     // Plain arrays: compilers turn loops over them into vector code, and element-wise writes to a pack they do not.
     T fx[lanes], fy[lanes], gathered[lanes];
     int column[lanes], row[lanes];
@@ -178,7 +185,7 @@ inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vect
       fx[l] = static_cast<T>(column[l]);
       fy[l] = static_cast<T>(row[l]);
     }
-    for (int l = 0; l < lanes; ++l) gathered[l] = t.tops[static_cast<std::size_t>(column[l] + t.nx * row[l])];
+    for (int l = 0; l < lanes; ++l) gathered[l] = tops[column[l] + nx * row[l]];
     const S edge_x = S::load(fx), edge_y = S::load(fy), top = S::load(gathered);
     const S above = p.z - top;
     if (core::all(above > S(reach))) return {above + taint, {zero, zero, one}};
@@ -186,15 +193,17 @@ inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vect
     int west[lanes], east[lanes], south[lanes], north[lanes];
     for (int l = 0; l < lanes; ++l) {
       west[l] = column[l] > 0 ? column[l] - 1 : 0;
-      east[l] = column[l] + 1 < t.nx ? column[l] + 1 : t.nx - 1;
-      south[l] = t.nx * (row[l] > 0 ? row[l] - 1 : 0);
-      north[l] = t.nx * (row[l] + 1 < t.ny ? row[l] + 1 : t.ny - 1);
-      row[l] *= t.nx;
+      east[l] = column[l] + 1 < nx ? column[l] + 1 : nx - 1;
+      south[l] = nx * (row[l] > 0 ? row[l] - 1 : 0);
+      north[l] = nx * (row[l] + 1 < ny ? row[l] + 1 : ny - 1);
+      row[l] *= nx;
     }
     const int* const columns[3] = {west, column, east};
     const int* const rows[3] = {south, row, north};
     const auto gather = [&](int di, int dj) {
-      for (int l = 0; l < lanes; ++l) gathered[l] = t.heights[static_cast<std::size_t>(columns[di + 1][l] + rows[dj + 1][l])];
+      const int* const i = columns[di + 1];
+      const int* const j = rows[dj + 1];
+      for (int l = 0; l < lanes; ++l) gathered[l] = heights[i[l] + j[l]];
       return S::load(gathered);
     };
     const S own = gather(0, 0);
@@ -207,13 +216,17 @@ inline SurfaceSample<S> contact_surface(const HeightGrid& grid, const core::Vect
     const S offset_y[3] = {max(v, least_across), zero, -max(S(t.cell) - v, least_across)};
     S a = zero, b = zero, c = max(sign * (p.z - own), least_up);
     S best = c * c;
+    const S reach_squared(reach * reach);
     for (int dj = -1; dj <= 1; ++dj)
       for (int di = -1; di <= 1; ++di) {
         if (di == 0 && dj == 0) continue;
         // A cell beyond the border is the border cell itself, which its offset only makes farther than it is.
         const S rx = offset_x[di + 1], ry = offset_y[dj + 1];
+        const S across = rx * rx + ry * ry;
+        // Outside, a cell beyond reach is of no interest; inside, one farther than the best is not.
+        if (!core::any(across <= select(inside, best, min(best, reach_squared)))) continue;
         const S up = max(sign * (p.z - gather(di, dj)), zero);
-        const S squared = rx * rx + ry * ry + up * up;
+        const S squared = across + up * up;
         const auto nearer = squared < best;
         best = select(nearer, squared, best);
         a = select(nearer, rx, a);

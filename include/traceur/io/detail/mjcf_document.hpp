@@ -6,12 +6,13 @@
 #include <cstddef>
 #include <limits>
 #include <locale>
-#include <pugixml.hpp>
 #include <sstream>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
+
+#include <pugixml.hpp>
 
 #include "traceur/core/error.hpp"
 #include "traceur/core/vector3.hpp"
@@ -24,9 +25,10 @@ struct MjcfElement {
   int defaults = 0;
 };
 
-/// The XML of an MJCF file with its default classes. Every complaint is one line: file, line, element, what was expected.
+/// The XML of an MJCF file with its default classes. Every complaint is one line: file, line, element, what was
+/// expected.
 class MjcfDocument {
- public:
+public:
   static constexpr std::size_t max_bytes = std::size_t{16} << 20;
   static constexpr int max_depth = 64;
   static constexpr std::size_t max_classes = 1024;
@@ -34,12 +36,15 @@ class MjcfDocument {
   static constexpr double max_value = 1e10;
 
   MjcfDocument(std::string_view text, std::string name) : name_(std::move(name)), text_(text) {
-    if (text.size() > max_bytes) throw Error(name_ + ": expected at most 16 MiB, found " + std::to_string(text.size()) + " bytes");
+    if (text.size() > max_bytes)
+      throw Error(name_ + ": expected at most 16 MiB, found " + std::to_string(text.size()) + " bytes");
     const pugi::xml_parse_result result =
         document_.load_buffer(text.data(), text.size(), pugi::parse_default, pugi::encoding_utf8);
-    if (!result) throw Error(name_ + ": line " + std::to_string(line_at(result.offset)) + ": not XML: " + result.description());
+    if (!result)
+      throw Error(name_ + ": line " + std::to_string(line_at(result.offset)) + ": not XML: " + result.description());
     root_ = document_.document_element();
-    if (std::string_view(root_.name()) != "mujoco") throw Error(name_ + ": expected <mujoco>, found <" + printable(root_.name()) + ">");
+    if (std::string_view(root_.name()) != "mujoco")
+      throw Error(name_ + ": expected <mujoco>, found <" + printable(root_.name()) + ">");
     classes_.push_back({"main", -1, {}});
     for (const pugi::xml_node section : root_.children("default")) {
       // The outermost class may be renamed; it stays the one that everything inherits.
@@ -91,7 +96,8 @@ class MjcfDocument {
 
   bool flag(const MjcfElement& e, const char* attribute, bool fallback) const {
     const std::string_view text = word(e, attribute, fallback ? "true" : "false");
-    if (text != "true" && text != "false") fail(e.node, std::string(attribute) + ": expected true or false, found '" + printable(text) + "'");
+    if (text != "true" && text != "false")
+      fail(e.node, std::string(attribute) + ": expected true or false, found '" + printable(text) + "'");
     return text == "true";
   }
 
@@ -102,9 +108,10 @@ class MjcfDocument {
     std::istringstream in{std::string(text)};
     in.imbue(std::locale::classic());
     int count = 0;
-    const std::string expected = std::string(attribute) + ": expected " +
-                                 (least == most ? std::to_string(most) : std::to_string(least) + " to " + std::to_string(most)) +
-                                 (most == 1 ? " number" : " numbers");
+    const std::string expected =
+        std::string(attribute) + ": expected " +
+        (least == most ? std::to_string(most) : std::to_string(least) + " to " + std::to_string(most)) +
+        (most == 1 ? " number" : " numbers");
     while (!(in >> std::ws).eof()) {
       double x = 0;
       if (!(in >> x) || count == most) fail(e.node, expected + ", found '" + printable(text) + "'");
@@ -120,7 +127,8 @@ class MjcfDocument {
     return fallback;
   }
 
-  core::Vector3<double> vector(const MjcfElement& e, const char* attribute, const core::Vector3<double>& fallback) const {
+  core::Vector3<double> vector(const MjcfElement& e, const char* attribute,
+                               const core::Vector3<double>& fallback) const {
     double v[3] = {fallback.x, fallback.y, fallback.z};
     numbers(e, attribute, v, 3, 3);
     return core::Vector3<double>::from(v);
@@ -134,7 +142,7 @@ class MjcfDocument {
     return name;
   }
 
-  /// At most 80 bytes of a text, control characters replaced.
+  /// At most 256 bytes of a text, control characters replaced.
   static std::string printable(std::string_view text) {
     std::string out(text.substr(0, 256));
     for (char& c : out)
@@ -142,7 +150,7 @@ class MjcfDocument {
     return out;
   }
 
- private:
+private:
   struct Class {
     std::string name;
     int parent;
@@ -177,7 +185,8 @@ class MjcfDocument {
 
   std::size_t line_at(std::ptrdiff_t offset) const {
     const auto end = std::min(text_.size(), static_cast<std::size_t>(std::max<std::ptrdiff_t>(offset, 0)));
-    return 1 + static_cast<std::size_t>(std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(end), '\n'));
+    return 1 +
+           static_cast<std::size_t>(std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(end), '\n'));
   }
 
   std::string name_;

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <vector>
+
+#include "traceur/control/episodes.hpp"
+#include "traceur/optimize/cma_es.hpp"
+
+namespace traceur::control {
+
+/// Settings of learning a feedback law by CMA-ES in stages of growing difficulty (Terrain Runner s3; Ding et al. 2012).
+struct FeedbackLearning {
+  int population = 32;
+  int starts = 16;              ///< episodes of each candidate, new each generation, shared by the population
+  double sigma = 0.15;          ///< first standard deviation of the law's numbers
+  int generations = 120;        ///< in all
+  int patience = 40;            ///< generations at full difficulty without a better validation before it ends
+  // Cyclic motions: length and perturbation grow whenever the mean's cost is below `advance`.
+  double first_seconds = 4;
+  double last_seconds = 20;
+  double seconds_growth = 1.6;
+  double advance = 1.2;
+  double perturbation_step = 0.25;
+  // One-shot motions: perturbation grows whenever this share of the mean's episodes succeed.
+  double first_perturbation = 0.15;
+  double one_shot_step = 0.05;
+  double success_to_advance = 0.6;
+  int validation_episodes = 64;
+  int validate_every = 5;       ///< generations
+  Perturbation starts_moved;
+  std::uint64_t seed = 1;
+};
+
+/// Where learning stands; enough, with the controller and the settings, to go on from to the same bits.
+struct FeedbackProgress {
+  int generation = 0;
+  double seconds = 0, perturbation = 0;
+  double mean_cost = 0;
+  double mean_success = 0;       ///< share of the mean's episodes that survived (and ended well)
+  double best_validation = 1e300;
+  Eigen::VectorXd best_law;
+  int since_best = 0;
+  double simulated_seconds = 0;
+};
+
+/// Cost of one episode: ten times the share of time lost, plus the mean distance from the sensory reference; a one-shot
+/// motion also pays for not reaching its end pose and for not holding it.
+inline double episode_cost(const EpisodeResult& r, double whole_seconds, bool cyclic) {
+  const double lost = std::max(0.0, 1.0 - r.seconds / whole_seconds);
+  double cost = 10 * lost + (r.seconds > 0 ? r.deviation : 10.0);
+  if (!cyclic && !r.reached_end) cost += 2;
+  if (!cyclic && !r.held) cost += 1;
+  return std::isfinite(cost) ? cost : 100.0;
+}
+
+/// Learns the law of a controller by CMA-ES from zeros and returns the law that did best in validation. The mean of each
+/// generation is evaluated as one more candidate, since the best of a noisy generation is mostly luck. Deterministic for a
+/// seed on any executor. `progress(state, cma)` is told after every generation; returning false stops. To resume, pass the
+/// state and optimizer it was last given.
+template <class S, core::Executor E>
+FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Controller& controller, const FeedbackLearning& p, E& executor,
+                                const std::function<bool(const FeedbackProgress&, const optimize::CmaEs&)>& progress = {},
+                                const optimize::CmaEs* resume_optimizer = nullptr, const FeedbackProgress* resume_state = nullptr) {
+  constexpr int width = core::lane_count<S>;
+  const int n = controller.shape.size();
+  if (n < 2) throw Error("feedback learning: expected a law with parameters");
+  if (p.population < 4 || p.starts < 1 || p.generations < 1)
+    throw Error("feedback learning: population, starts and generations must be positive (population at least 4)");
+  optimize::CmaEsParameters cp;
+  cp.population = p.population;
+  cp.sigma = p.sigma;
+  cp.seed = p.seed;
+  cp.tolerance_cost = 0;
+  cp.tolerance_x = 0;
+  optimize::CmaEs cma = resume_optimizer ? *resume_optimizer : optimize::CmaEs(Eigen::VectorXd::Zero(n), cp);
+  FeedbackProgress state;
+  if (resume_state) {
+    state = *resume_state;
+  } else {
+    state.seconds = p.first_seconds;
+    state.perturbation = controller.cyclic ? 0.0 : p.first_perturbation;
+    state.best_law = Eigen::VectorXd::Zero(n);
+  }
+  const double one_shot_seconds = controller.ticks() * controller.tick + EpisodeSettings{}.hold;
+  Eigen::VectorXd costs(p.population);
+  while (state.generation < p.generations && state.since_best < p.patience) {
+    const Eigen::MatrixXd& candidates = cma.ask();
+    const Eigen::VectorXd mean = cma.mean();
+    EpisodeSettings e;
+    e.seconds = state.seconds;
+    e.perturbation = state.perturbation;
+    e.starts = p.starts_moved;
+    e.seed = p.seed;
+    e.stream = 1000 + static_cast<std::uint64_t>(state.generation);
+    const double whole = controller.cyclic ? e.seconds : one_shot_seconds;
+    // Without perturbation all starts are the same one.
+    const int starts = state.perturbation > 0 ? p.starts : 1;
+    const int jobs = (p.population + 1) * starts;
+    std::vector<EpisodeResult> results(static_cast<std::size_t>(jobs));
+    executor.run((jobs + width - 1) / width, [&](int g, int worker) {
+      const int used = std::min(width, jobs - g * width);
+      const auto candidate = [&](int lane) { return (g * width + lane) / starts; };
+      const auto r = runners[static_cast<std::size_t>(worker)].run(
+          controller, e, used,
+          [&](int lane) { return candidate(lane) < p.population ? candidates.col(candidate(lane)).data() : mean.data(); },
+          [&](int lane) { return (g * width + lane) % starts; }, [](int) { return Push{}; });
+      for (int l = 0; l < used; ++l) results[static_cast<std::size_t>(g * width + l)] = r[static_cast<std::size_t>(l)];
+    });
+    for (const EpisodeResult& r : results) state.simulated_seconds += r.seconds;
+    double mean_cost = 0;
+    int successes = 0;
+    for (int k = 0; k <= p.population; ++k) {
+      double sum = 0;
+      for (int s = 0; s < starts; ++s) {
+        const EpisodeResult& r = results[static_cast<std::size_t>(k * starts + s)];
+        sum += episode_cost(r, whole, controller.cyclic);
+        if (k == p.population && (controller.cyclic ? r.survived : r.reached_end && r.held)) ++successes;
+      }
+      (k < p.population ? costs[k] : mean_cost) = sum / starts;
+    }
+    cma.tell(costs);
+    state.mean_cost = mean_cost;
+    state.mean_success = static_cast<double>(successes) / starts;
+    ++state.generation;
+
+    const bool full = controller.cyclic ? state.seconds >= p.last_seconds && state.perturbation >= 1 : state.perturbation >= 1;
+    if (controller.cyclic) {
+      if (!full && mean_cost < p.advance) {
+        state.seconds = std::min(p.last_seconds, state.seconds * p.seconds_growth);
+        state.perturbation = std::min(1.0, state.perturbation + p.perturbation_step);
+      }
+    } else if (!full && state.mean_success >= p.success_to_advance) {
+      state.perturbation = std::min(1.0, state.perturbation + p.one_shot_step * (state.mean_success > 0.9 ? 2 : 1));
+    }
+    // Validation at full difficulty on starts of its own.
+    if (state.generation % p.validate_every == 0 || state.generation == p.generations) {
+      Controller trial = controller;
+      trial.law = cma.mean();
+      EpisodeSettings v = e;
+      v.seconds = p.last_seconds;
+      v.perturbation = 1;
+      v.stream = 999;
+      const std::vector<EpisodeResult> outcome = run_episodes(runners, trial, v, p.validation_episodes, executor);
+      double sum = 0;
+      for (const EpisodeResult& r : outcome) {
+        sum += episode_cost(r, controller.cyclic ? v.seconds : one_shot_seconds, controller.cyclic);
+        state.simulated_seconds += r.seconds;
+      }
+      const double validation = sum / p.validation_episodes;
+      if (validation < state.best_validation) {
+        state.best_validation = validation;
+        state.best_law = trial.law;
+        state.since_best = 0;
+      } else if (full) {
+        state.since_best += p.validate_every;
+      }
+    }
+    if (progress && !progress(state, cma)) break;
+    if (cma.finished()) break;
+  }
+  return state;
+}
+
+}  // namespace traceur::control
