@@ -44,12 +44,15 @@ TEST_CASE("every format is found by content, whatever its extension") {
     "root_translation":[[0,0,1],[0,0,1]],"rotation":[[[0,0,0,1]],[[0,0,0,1]]]})");
   io::write_clip(folder / "f.jsonl", io::load_clip(folder / "a.bvh").clip);
   io::write_clip(folder / "g.json", io::load_clip(folder / "a.bvh").clip);
-  for (const auto& [name, format] : {std::pair{"a.bvh", "BVH"}, {"b.txt", "BVH"}, {"c.txt", "DeepMimic"}, {"d.json", "DeepMimic"},
-                                     {"e.json", "AMP JSON"}, {"f.jsonl", "traceur clip"}, {"g.json", "traceur clip"}}) {
-    CAPTURE(name);
-    const io::LoadedClip loaded = io::load_clip(folder / name);
-    CHECK(loaded.report.format == format);
-    CHECK(loaded.report.source == (folder / name).string());
+  struct Case {
+    const char *name, *format;
+  };
+  for (const Case& c : {Case{"a.bvh", "BVH"}, Case{"b.txt", "BVH"}, Case{"c.txt", "DeepMimic"}, Case{"d.json", "DeepMimic"},
+                        Case{"e.json", "AMP JSON"}, Case{"f.jsonl", "traceur clip"}, Case{"g.json", "traceur clip"}}) {
+    CAPTURE(c.name);
+    const io::LoadedClip loaded = io::load_clip(folder / c.name);
+    CHECK(loaded.report.format == c.format);
+    CHECK(loaded.report.source == (folder / c.name).string());
     CHECK(!loaded.report.unit_reason.empty());
     CHECK(!loaded.report.up_reason.empty());
     CHECK(!loaded.report.rotation_order.empty());

@@ -60,7 +60,7 @@ TEST_CASE("hysteresis holds a contact between its thresholds and blips are remov
   // Height swings between 2 and 4.5 cm: on at below 3, off only above 5.
   const Clip wobble = mover([](double t) { return Vector3<double>{0, 0, 0.0325 - 0.0125 * std::cos(10 * t)}; }, 2, 121);
   CHECK(motion::label_contacts(wobble, {{0, {0, 0, 0}, 0}}).contacts.minCoeff() == 1);
-  motion::ContactThresholds narrow;
+  motion::ContactDetection narrow;
   narrow.height_off = narrow.height_on;
   CHECK(motion::label_contacts(wobble, {{0, {0, 0, 0}, 0}}, narrow).contacts.minCoeff() == 0);
   // One key at the ground out of 121.

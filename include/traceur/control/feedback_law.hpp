@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <vector>
 
 #include "traceur/control/mirror.hpp"
@@ -42,6 +44,35 @@ struct FeedbackShape {
   int phase_size() const { return rank * (sets.actions() + sets.sensors()); }
   int size() const { return phases * phase_size(); }
 };
+
+/// A first guess for the law of a gait, of step-placement form (Yin, Loken, van de Panne 2007, Eq. 1, velocity and distance
+/// gains of 0.2): the swing hip steps towards where the centre of mass is drifting, the stance hip and waist hold the trunk
+/// upright. One reduced dimension each for forward, sideways and trunk; further ones are zero. Needs rank 3 or more.
+inline Eigen::VectorXd step_placement_law(const FeedbackShape& shape, double gain = 1) {
+  Eigen::VectorXd law = Eigen::VectorXd::Zero(shape.size());
+  if (shape.rank < 3) return law;
+  const int m = shape.sets.actions(), r = shape.rank;
+  for (int phase = 0; phase < shape.phases; ++phase) {
+    double* ap = law.data() + phase * shape.phase_size();
+    double* sp = ap + m * r;
+    const double g = std::sqrt(gain * 0.2);
+    const auto sense = [&](int row, int sensor, double x) { sp[sensor * r + row] = x; };
+    const auto act = [&](int row, int action, double x) { ap[row * m + action] = x; };
+    // Sensors: 1 pitch, 0 roll, 6 and 7 velocity, 9 and 10 stance foot from the centre of mass.
+    sense(0, 6, g);
+    sense(0, 9, -g);
+    act(0, 1, -g);
+    sense(1, 7, g);
+    sense(1, 10, -g);
+    sense(1, 0, g);
+    act(1, 0, g);
+    act(1, 3, g);
+    sense(2, 1, g);
+    act(2, 4, g);
+    act(2, 7, -0.5 * g);
+  }
+  return law;
+}
 
 /// Evaluates the law of one phase: `law` has phase_size() numbers, `ds` has full_sensors, `da` gets actions() numbers.
 template <class S>

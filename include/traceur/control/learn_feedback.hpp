@@ -54,7 +54,7 @@ inline double episode_cost(const EpisodeResult& r, double whole_seconds, bool cy
   return std::isfinite(cost) ? cost : 100.0;
 }
 
-/// Learns the law of a controller by CMA-ES from zeros and returns the law that did best in validation. The mean of each
+/// Learns the law of a controller by CMA-ES, starting from the law it has, and returns the law that did best in validation. The mean of each
 /// generation is evaluated as one more candidate, since the best of a noisy generation is mostly luck. Deterministic for a
 /// seed on any executor. `progress(state, cma)` is told after every generation; returning false stops. To resume, pass the
 /// state and optimizer it was last given.
@@ -73,14 +73,14 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
   cp.seed = p.seed;
   cp.tolerance_cost = 0;
   cp.tolerance_x = 0;
-  optimize::CmaEs cma = resume_optimizer ? *resume_optimizer : optimize::CmaEs(Eigen::VectorXd::Zero(n), cp);
+  optimize::CmaEs cma = resume_optimizer ? *resume_optimizer : optimize::CmaEs(controller.law, cp);
   FeedbackProgress state;
   if (resume_state) {
     state = *resume_state;
   } else {
     state.seconds = p.first_seconds;
     state.perturbation = controller.cyclic ? 0.0 : p.first_perturbation;
-    state.best_law = Eigen::VectorXd::Zero(n);
+    state.best_law = controller.law;
   }
   const double one_shot_seconds = controller.ticks() * controller.tick + EpisodeSettings{}.hold;
   Eigen::VectorXd costs(p.population);

@@ -115,7 +115,7 @@ Controller make_one_shot(sim::Lanes<S>& lanes, const sim::Model& model, const si
 }
 
 /// A controller for a cyclic motion: the plan common to all cycles, the law of one phase mirrored from stance to stance
-/// when the plan is. Sensory references are means over the open-loop cycles but the first. The law's numbers are zero.
+/// when the plan is. Sensory references are means over the open-loop cycles but the first. The law is step_placement_law.
 template <class S>
 Controller make_cyclic(sim::Lanes<S>& lanes, const sim::Model& model, const sim::Parameters& simulation, const Roles& roles,
                        const TrackingReference& reference, const SampledControl& sampled, const SamplingParameters& sampling,
@@ -193,7 +193,7 @@ Controller make_cyclic(sim::Lanes<S>& lanes, const sim::Model& model, const sim:
   (turn * core::Quaternion<double>::from(c.start_pose.data() + 3)).store(c.start_pose.data() + 3);
   back.rotate(core::Vector3<double>::from(c.start_velocity.data())).store(c.start_velocity.data());
   back.rotate(core::Vector3<double>::from(c.start_velocity.data() + 3)).store(c.start_velocity.data() + 3);
-  c.law = Eigen::VectorXd::Zero(shape.size());
+  c.law = step_placement_law(shape);
   return c;
 }
 

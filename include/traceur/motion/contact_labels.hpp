@@ -51,7 +51,7 @@ struct FlatGround {
 };
 
 /// When a body counts as touching. The pairs are hysteresis: a contact begins below `*_on` and lasts until above `*_off`.
-struct ContactThresholds {
+struct ContactDetection {
   double height_on = 0.03;   ///< of the body's lowest point above the ground, m
   double height_off = 0.05;  ///< m
   double speed_on = 0.6;     ///< of that point, m/s
@@ -136,7 +136,7 @@ inline void remove_short_runs(const Clip& clip, std::vector<char>& on, char valu
 /// points have label 0. `ground(x, y)` is the ground's height in m. Throws Error if there are no points or one names a body
 /// that does not exist.
 template <class Ground = FlatGround>
-inline Clip label_contacts(const Clip& clip, const std::vector<ContactPoint>& points, const ContactThresholds& thresholds = {},
+inline Clip label_contacts(const Clip& clip, const std::vector<ContactPoint>& points, const ContactDetection& thresholds = {},
                            const Ground& ground = {}) {
   detail::require_points(clip, points);
   const detail::PointTracks tracks = detail::point_tracks(clip, points, ground);

@@ -112,11 +112,11 @@ inline Clip close_cycle(const Clip& clip, double share = 0.7) {
   const int last = clip.keys() - 1;
   Clip out = clip;
   out.cyclic = true;
-  Eigen::VectorXd target = clip.poses.col(0), misfit(skeleton.nv()), d(skeleton.nv());
+  Eigen::VectorXd target = clip.poses.col(0), misfit(skeleton.nv());
   clip.carry_root(1, target.data());
   difference_local(skeleton, clip.poses.col(last).data(), target.data(), misfit.data());
   for (int k = 1; k < last; ++k) {
-    d = smoothstep(1 - (1 - clip.times[k] / clip.duration()) / share) * misfit;
+    const Eigen::VectorXd d = smoothstep(1 - (1 - clip.times[k] / clip.duration()) / share) * misfit;
     displace_local(skeleton, out.poses.col(k).data(), d.data(), out.poses.col(k).data());
   }
   out.poses.col(last) = target;
@@ -173,12 +173,12 @@ inline Clip symmetrize_gait(const Clip& clip, const Mirror& mirror, GaitHalf hal
     if (step.contacts.cols() != 0) step.contacts = 0.5 * (step.contacts + other.contacts);
   }
 
-  Eigen::VectorXd target = mirror.pose(Eigen::VectorXd(step.poses.col(0))), misfit(skeleton.nv()), d(skeleton.nv());
+  Eigen::VectorXd target = mirror.pose(Eigen::VectorXd(step.poses.col(0))), misfit(skeleton.nv());
   const double advance = step.poses(0, n - 1);
   target[0] = advance;
   difference_local(skeleton, step.poses.col(n - 1).data(), target.data(), misfit.data());
   for (int k = 1; k < n; ++k) {
-    d = smoothstep(1 - (1 - keys[k] / middle) / share) * misfit;
+    const Eigen::VectorXd d = smoothstep(1 - (1 - keys[k] / middle) / share) * misfit;
     displace_local(skeleton, step.poses.col(k).data(), d.data(), step.poses.col(k).data());
   }
   if (step.contacts.cols() != 0)

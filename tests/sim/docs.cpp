@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+// The code of docs/sim.md.
+#include <traceur/io/mjcf.hpp>
+#include <traceur/sim/world.hpp>
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+
+using namespace traceur;
+
+TEST_CASE("docs/sim.md") {
+  const char* path = TRACEUR_SOURCE_DIR "/examples/characters/humanoid.xml";
+  const body::Character humanoid = io::read_mjcf(path);
+  sim::Parameters parameters;
+  parameters.friction = 0.8;
+  sim::World<core::Pack<float>> world(humanoid, 64, parameters);
+
+  Eigen::VectorXd q = humanoid.skeleton.neutral_pose();
+  q[2] = 0.883;
+  for (int lane = 0; lane < world.lanes(); ++lane) world.reset(lane, q, Eigen::VectorXd::Zero(humanoid.skeleton.nv()));
+
+  Eigen::VectorXd target = q;
+  target[humanoid.skeleton[humanoid.skeleton.find("left_elbow")].q_index] = 1.0;
+  world.set_target(3, target);                // the others keep the pose they were put in
+  world.push(5, 0, {200, 0, 0});              // N on the root's body, during the next call of step
+  core::ThreadExecutor threads(2);
+  world.step(16, threads);                    // a thirtieth of a second
+  const Eigen::VectorXd reached = world.pose(3);
+
+  CHECK(reached[humanoid.skeleton[humanoid.skeleton.find("left_elbow")].q_index] > 0.1);
+  CHECK(world.linear_momentum(5).x > 200 * 16 * world.dt() * 0.3);
+  CHECK(std::abs(world.linear_momentum(4).x) < 1);
+
+  sim::World<double> slope(humanoid, 1, {}, sim::Ground<double>::plane({-0.6, 0, 0.8}, 0));
+  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(10, 10);
+  heights(6, 5) = 0.3;
+  sim::World<double> step(humanoid, 1, {}, terrain::HeightGrid(heights, 0.4));
+  CHECK(step.ground().highest() == 0.3);
+  CHECK(slope.ground().sample(core::Vector3<double>{0, 0, 1}).distance == doctest::Approx(0.8));
+}
