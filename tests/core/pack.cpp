@@ -12,7 +12,7 @@
 
 #include "support.hpp"
 
-#define PACKS Pack<float>, Pack<double>, Pack<float, 4>, Pack<double, 2>, Pack<float, 8>, Pack<float, 1>, Pack<float, 32>
+#define PACKS Pack<float>, Pack<double>, Pack<float, 4>, Pack<double, 2>, Pack<float, 8>, Pack<float, 1>, Pack<float, 2>
 
 namespace {
 

@@ -10,9 +10,7 @@
 
 #include "support.hpp"
 
-namespace {
-
-using namespace traceur::core;
+namespace near_miss {
 
 /// Arithmetic without order: one comparison short of a scalar.
 struct Unordered {
@@ -28,6 +26,13 @@ struct Unordered {
   Unordered& operator*=(Unordered b) { return *this = *this * b; }
   Unordered& operator/=(Unordered b) { return *this = *this / b; }
 };
+
+}  // namespace near_miss
+
+namespace {
+
+using namespace traceur::core;
+using near_miss::Unordered;
 
 static_assert(Scalar<float>);
 static_assert(Scalar<double>);

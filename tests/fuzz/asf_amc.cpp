@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/asf_amc.hpp>
-
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <string>
 #include <string_view>
+
+#include <traceur/io/asf_amc.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/bvh.hpp>
-
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <string>
 #include <string_view>
+
+#include <traceur/io/bvh.hpp>
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
@@ -21,7 +21,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     loaded.clip.check();
     if (!std::isfinite(loaded.report.fps)) std::abort();
     // What was read can be written and read again.
-    traceur::io::parse_bvh(traceur::io::format_bvh(loaded.clip), "again", {0.01, traceur::io::UpAxis::y, 0}).clip.check();
+    traceur::io::parse_bvh(traceur::io::format_bvh(loaded.clip), "again", {0.01, traceur::io::UpAxis::y, 0})
+        .clip.check();
   } catch (const traceur::Error& error) {
     if (std::string_view(error.what()).find('\n') != std::string_view::npos) std::abort();
   }

@@ -1,18 +1,16 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/asf_amc.hpp>
-
-#include <doctest/doctest.h>
-
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <fstream>
 #include <numbers>
 #include <string>
 #include <utility>
 
-#include <traceur/io/bvh.hpp>
+#include <Eigen/Geometry>
+#include <doctest/doctest.h>
 
 #include "motions.hpp"
+#include <traceur/io/asf_amc.hpp>
+#include <traceur/io/bvh.hpp>
 
 using motions::contains;
 using motions::distance;
@@ -125,11 +123,13 @@ const char* const skeleton = R"(# made by hand
 )";
 
 std::string frame(int number, const std::string& root, const std::string& lfemur, const std::string& ltibia = "0 0") {
-  return std::to_string(number) + "\nroot " + root + "\nlfemur " + lfemur + "\nltibia " + ltibia + "\nlfoot 0\nrfemur 0\nhead 0\n";
+  return std::to_string(number) + "\nroot " + root + "\nlfemur " + lfemur + "\nltibia " + ltibia +
+         "\nlfoot 0\nrfemur 0\nhead 0\n";
 }
 
 std::string motion() {
-  return "#!OML\n:FULLY-SPECIFIED\n:DEGREES\n" + frame(1, "0 16 0 0 0 0", "0 0 0") + frame(2, "1 16 3 0 90 0", "-90 0 0");
+  return "#!OML\n:FULLY-SPECIFIED\n:DEGREES\n" + frame(1, "0 16 0 0 0 0", "0 0 0") +
+         frame(2, "1 16 3 0 90 0", "-90 0 0");
 }
 
 LoadedClip load(const std::string& amc, const std::string& asf = skeleton, const AsfAmcOptions& options = {}) {
@@ -182,7 +182,8 @@ TEST_CASE("angles turn about the bone's axes, in the order of dof") {
   const Eigen::Matrix3d thigh = root * about(2, 33) * about(1, 22) * about(0, 11);
   const Eigen::Matrix3d c = about(2, 20) * about(1, 40) * about(0, 30);
   const Eigen::Matrix3d shin = thigh * c * about(2, -35) * about(0, 25) * c.transpose();
-  Eigen::Vector3d p = Eigen::Vector3d(0, 16, 0) + root * Eigen::Vector3d(1.6, -1.2, 0) + thigh * Eigen::Vector3d(0, -7.3, 0);
+  Eigen::Vector3d p =
+      Eigen::Vector3d(0, 16, 0) + root * Eigen::Vector3d(1.6, -1.2, 0) + thigh * Eigen::Vector3d(0, -7.3, 0);
   CHECK(distance(position(turned, 0, "ltibia"), house(p.x(), p.y(), p.z())) < 1e-9);
   p += shin * Eigen::Vector3d(0, -7.3, 0);
   CHECK(distance(position(turned, 0, "lfoot"), house(p.x(), p.y(), p.z())) < 1e-9);
@@ -209,7 +210,12 @@ TEST_CASE("radians and degrees are told apart, by the clip before the skeleton")
   const std::string frames = frame(1, "0 16 0 0 0 0", "0 0 0") + frame(2, "0 16 0 0 0 0", angle);
   const Vector swung = house(1.6, 14.8, 14.6);
   CHECK(distance(position(load(":RADIANS\n" + frames).clip, 1, "lfoot"), swung) < 1e-9);
-  CHECK(distance(position(load(frames, replaced(replaced(skeleton, "angle deg", "angle rad"), "axis 30 40 20", "axis 0 0 0")).clip, 1, "lfoot"), swung) < 1e-9);
+  CHECK(
+      distance(
+          position(
+              load(frames, replaced(replaced(skeleton, "angle deg", "angle rad"), "axis 30 40 20", "axis 0 0 0")).clip,
+              1, "lfoot"),
+          swung) < 1e-9);
 }
 
 TEST_CASE("a clip's own bones may come in any order, its frames start anywhere") {
@@ -242,10 +248,13 @@ TEST_CASE("options: rate, unit, frames to skip, up axis") {
 }
 
 TEST_CASE("a unit or an up axis that cannot be right is refused by the option's name") {
-  CHECK(contains(error_of([&] { load(motion(), replaced(skeleton, "length 0.45", "length 1.0")); }), "set the option unit"));
+  CHECK(contains(error_of([&] { load(motion(), replaced(skeleton, "length 0.45", "length 1.0")); }),
+                 "set the option unit"));
   std::string lying = skeleton;
-  for (const auto& [from, to] : {std::pair{"direction 0 1 0", "direction 0 0 1"}, std::pair{"direction 0 1 0", "direction 0 0 1"},
-                                 std::pair{"direction 0.8 -0.6 0", "direction 0.8 0 -0.6"}, std::pair{"direction -0.8 -0.6 0", "direction -0.8 0 -0.6"}})
+  for (const auto& [from, to] :
+       {std::pair{"direction 0 1 0", "direction 0 0 1"}, std::pair{"direction 0 1 0", "direction 0 0 1"},
+        std::pair{"direction 0.8 -0.6 0", "direction 0.8 0 -0.6"},
+        std::pair{"direction -0.8 -0.6 0", "direction -0.8 0 -0.6"}})
     lying = replaced(lying, from, to);
   CHECK(contains(error_of([&] { load(motion(), lying); }), "set the option up"));
   // Without names there is nothing to check against, which the report says.
@@ -268,14 +277,17 @@ TEST_CASE("the skeleton is the one beside the clip with its name up to the first
   std::ofstream(folder / "other.asf") << replaced(skeleton, "length 9", "length 8");
   AsfAmcOptions options;
   options.skeleton = folder / "other.asf";
-  CHECK(distance(position(traceur::io::read_asf_amc(folder / "07_12.amc", options).clip, 0, "head_end"), house(0, 29, 0)) < 1e-12);
+  CHECK(distance(position(traceur::io::read_asf_amc(folder / "07_12.amc", options).clip, 0, "head_end"),
+                 house(0, 29, 0)) < 1e-12);
   options.skeleton = folder / "none.asf";
-  CHECK(contains(error_of([&] { traceur::io::read_asf_amc(folder / "07_12.amc", options); }), "none.asf: no such file"));
+  CHECK(
+      contains(error_of([&] { traceur::io::read_asf_amc(folder / "07_12.amc", options); }), "none.asf: no such file"));
 }
 
 TEST_CASE("every fault of a skeleton is one line that names the place") {
   const std::string good = skeleton;
-  const auto change = [&](const std::string& from, const std::string& to, const std::string& expected, bool line = true) {
+  const auto change = [&](const std::string& from, const std::string& to, const std::string& expected,
+                          bool line = true) {
     const std::string message = error_of([&] { parse_asf(replaced(good, from, to), "s.asf"); });
     CAPTURE(message);
     CHECK(contains(message, expected));
@@ -307,8 +319,9 @@ TEST_CASE("every fault of a skeleton is one line that names the place") {
   change(":bonedata", ":other", "no bone named 'lhip'", false);
   CHECK(contains(error_of([] { parse_asf("", "s.asf"); }), "s.asf:0: expected a ':bonedata' section"));
   CHECK(contains(error_of([] { parse_asf("hello", "s.asf"); }), "expected a section such as ':units'"));
-  const std::string loop = ":bonedata\nbegin\nname a\ndirection 1 0 0\nlength 1\nend\nbegin\nname b\ndirection 1 0 0\nlength 1\nend\n"
-                           ":hierarchy\nbegin\na b\nb a\nend\n";
+  const std::string loop =
+      ":bonedata\nbegin\nname a\ndirection 1 0 0\nlength 1\nend\nbegin\nname b\ndirection 1 0 0\nlength 1\nend\n"
+      ":hierarchy\nbegin\na b\nb a\nend\n";
   CHECK(contains(error_of([&] { parse_asf(loop, "s.asf"); }), "hang in a loop"));
   for (std::size_t size = 0; size + 8 < good.size(); size += 3)
     CHECK(!error_of([&] { parse_asf(std::string_view(good).substr(0, size), "s.asf"); }).empty());
@@ -321,7 +334,8 @@ TEST_CASE("every fault of a clip is one line that names the place") {
     CAPTURE(message);
     CHECK(contains(message, expected));
     CHECK(!contains(message, "\n"));
-    const auto number = 1 + later + std::count(good.begin(), good.begin() + static_cast<std::ptrdiff_t>(good.find(from)), '\n');
+    const auto number =
+        1 + later + std::count(good.begin(), good.begin() + static_cast<std::ptrdiff_t>(good.find(from)), '\n');
     CHECK(contains(message, "p_01.amc:" + std::to_string(number) + ": "));
   };
   change("rfemur 0", "tail 0", "frame 1: bone 'tail' is not in the skeleton p.asf");
@@ -359,25 +373,14 @@ TEST_CASE("recorded take: AMC and BVH of the same take put every joint in the sa
     const char *in_amc, *in_bvh;
     bool above;
   };
-  const Pair pairs[] = {{"root", "Hips", false},
-                        {"lfemur", "LeftUpLeg", false},
-                        {"ltibia", "LeftLeg", false},
-                        {"lfoot", "LeftFoot", false},
-                        {"ltoes", "LeftToeBase", false},
-                        {"ltoes_end", "LeftToeBase_end", false},
-                        {"rfemur", "RightUpLeg", false},
-                        {"rtibia", "RightLeg", false},
-                        {"rfoot", "RightFoot", false},
-                        {"rtoes", "RightToeBase", false},
-                        {"upperback", "Spine", false},
-                        {"thorax", "Spine1", false},
-                        {"lhumerus", "LeftArm", true},
-                        {"lradius", "LeftForeArm", true},
-                        {"lwrist", "LeftHand", true},
-                        {"rhumerus", "RightArm", true},
-                        {"rradius", "RightForeArm", true},
-                        {"head", "Head", true},
-                        {"head_end", "Head_end", true}};
+  const Pair pairs[] = {
+      {"root", "Hips", false},          {"lfemur", "LeftUpLeg", false},    {"ltibia", "LeftLeg", false},
+      {"lfoot", "LeftFoot", false},     {"ltoes", "LeftToeBase", false},   {"ltoes_end", "LeftToeBase_end", false},
+      {"rfemur", "RightUpLeg", false},  {"rtibia", "RightLeg", false},     {"rfoot", "RightFoot", false},
+      {"rtoes", "RightToeBase", false}, {"upperback", "Spine", false},     {"thorax", "Spine1", false},
+      {"lhumerus", "LeftArm", true},    {"lradius", "LeftForeArm", true},  {"lwrist", "LeftHand", true},
+      {"rhumerus", "RightArm", true},   {"rradius", "RightForeArm", true}, {"head", "Head", true},
+      {"head_end", "Head_end", true}};
   double worst = 0;
   for (int k = 0; k < amc.keys(); k += 7) {
     const auto a = motions::positions(amc, k), b = motions::positions(bvh, k);

@@ -1,9 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/bvh.hpp>
-
-#include <doctest/doctest.h>
-
-#include <Eigen/Geometry>
 #include <clocale>
 #include <fstream>
 #include <locale>
@@ -12,7 +7,11 @@
 #include <string>
 #include <vector>
 
+#include <Eigen/Geometry>
+#include <doctest/doctest.h>
+
 #include "motions.hpp"
+#include <traceur/io/bvh.hpp>
 
 using motions::contains;
 using motions::distance;
@@ -98,16 +97,18 @@ TEST_CASE("a unit that fits no person is not guessed") {
     options.unit = unit;
     check_standing(parse_bvh(standing(p), "person", options).clip);
   }
-  // Of the right leg length, but with a trunk of half a metre's tenth: not a person.
+  // Legs of the right length under a trunk of a few centimetres: not a person.
   std::string text = standing();
   text = replaced(replaced(text, "OFFSET 0 15 0", "OFFSET 0 1 0"), "OFFSET 0 40 0", "OFFSET 0 2 0");
   text = replaced(text, "OFFSET 0 20 0", "OFFSET 0 1 0");
   CHECK(contains(error_of([&] { parse_bvh(text, "person"); }), "set the option unit"));
   // No names to tell from.
-  CHECK(contains(error_of([&] { parse_bvh(replaced(standing(), "LeftFoot", "Bone7"), "person"); }), "set the option unit"));
+  CHECK(contains(error_of([&] { parse_bvh(replaced(standing(), "LeftFoot", "Bone7"), "person"); }),
+                 "set the option unit"));
   BvhOptions unit_only;
   unit_only.unit = 0.01;
-  CHECK(contains(error_of([&] { parse_bvh(replaced(standing(), "LeftFoot", "Bone7"), "person", unit_only); }), "set the option up"));
+  CHECK(contains(error_of([&] { parse_bvh(replaced(standing(), "LeftFoot", "Bone7"), "person", unit_only); }),
+                 "set the option up"));
   BvhOptions bad;
   bad.unit = -1;
   CHECK(contains(error_of([&] { parse_bvh(standing(), "person", bad); }), "option unit"));
@@ -193,7 +194,8 @@ TEST_CASE("angles multiply in the order of the channels, whatever it is") {
     const auto rotation = [&](std::size_t joint) {
       Eigen::Matrix3d r = Eigen::Matrix3d::Identity();
       for (std::size_t k = 0; k < 3; ++k)
-        r *= Eigen::AngleAxisd(angles[3 * joint + k] * std::numbers::pi / 180, Eigen::Vector3d::Unit(order[k] - 'X')).toRotationMatrix();
+        r *= Eigen::AngleAxisd(angles[3 * joint + k] * std::numbers::pi / 180, Eigen::Vector3d::Unit(order[k] - 'X'))
+                 .toRotationMatrix();
       return r;
     };
     // Hips -> LeftUpLeg -> LeftLeg -> LeftFoot -> end, in file axes.
@@ -210,14 +212,16 @@ TEST_CASE("angles multiply in the order of the channels, whatever it is") {
 
 TEST_CASE("a leg swung forward by -90 degrees about the left axis points forward") {
   const Person p;
-  const LoadedClip loaded = parse_bvh(p.text({p.row(0, 0.95, 0), p.row(0, 0.95, 0, Person::turn("LeftUpLeg", 0, -90, 0))}), "person");
+  const LoadedClip loaded =
+      parse_bvh(p.text({p.row(0, 0.95, 0), p.row(0, 0.95, 0, Person::turn("LeftUpLeg", 0, -90, 0))}), "person");
   CHECK(distance(position(loaded.clip, 1, "LeftFoot"), {0.84, 0.09, 0.9}) < 1e-9);
 }
 
 TEST_CASE("position channels of other joints stand for their offsets") {
   const char* text =
       "HIERARCHY ROOT a { OFFSET 5 6 7 CHANNELS 4 Yposition Zrotation Xrotation Yrotation JOINT b {\n"
-      "OFFSET 9 9 9 CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation End Site { OFFSET 0 0 1 } } }\n"
+      "OFFSET 9 9 9 CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation End Site { OFFSET 0 0 1 } } "
+      "}\n"
       "MOTION\nFrames: 2\nFrame Time: 0.5\n1 0 0 0 1 2 3 0 0 0\n3 0 0 0 1 2 5 0 0 0\n";
   BvhOptions options{1.0, UpAxis::y, 0};
   const LoadedClip loaded = parse_bvh(text, "t", options);
@@ -225,7 +229,8 @@ TEST_CASE("position channels of other joints stand for their offsets") {
   CHECK(distance(position(loaded.clip, 0, "a"), {7, 5, 1}) < 1e-12);
   CHECK(distance(position(loaded.clip, 0, "b") - position(loaded.clip, 0, "a"), {4, 1, 2}) < 1e-12);
   bool told = false;
-  for (const std::string& note : loaded.report.notes) told = told || contains(note, "position channels of 'b', which vary by 1 m");
+  for (const std::string& note : loaded.report.notes)
+    told = told || contains(note, "position channels of 'b', which vary by 1 m");
   CHECK(told);
 }
 
@@ -258,7 +263,8 @@ TEST_CASE("a rest pose before the motion is pointed out, and dropped when asked"
   const Person p;
   std::vector<double> bent(3 * Person::names().size(), 0.0);
   bent[4] = 60;
-  const std::string text = p.text({p.row(0, 0.95, 0), p.row(0, 0.95, 0, bent), p.row(0, 0.95, 0.1, bent), p.row(0, 0.95, 0.2, bent)});
+  const std::string text =
+      p.text({p.row(0, 0.95, 0), p.row(0, 0.95, 0, bent), p.row(0, 0.95, 0.1, bent), p.row(0, 0.95, 0.2, bent)});
   const LoadedClip whole = parse_bvh(text, "t");
   REQUIRE(whole.report.notes.size() == 1);
   CHECK(contains(whole.report.notes[0], "skip_frames = 1"));
@@ -356,7 +362,8 @@ TEST_CASE("every fault is one line that names the place") {
   const std::string good = standing();
   // Line numbers follow from the text itself.
   const auto line_of = [](const std::string& text, const std::string& part) {
-    return std::to_string(1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(text.find(part)), '\n'));
+    return std::to_string(1 +
+                          std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(text.find(part)), '\n'));
   };
   const auto fault = [&](const std::string& text, const std::string& at, const std::string& expected) {
     const std::string message = error_of([&] { parse_bvh(text, "f.bvh"); });
@@ -393,8 +400,10 @@ TEST_CASE("every fault is one line that names the place") {
 
   const Person p;
   const std::string row = p.row(0, 0.95, 0);
-  fault(p.text({row, replaced(row, " 95 ", " nan ")}), "", "frame 1, Hips Yposition: expected a finite number, found 'nan'");
-  fault(p.text({row, replaced(row, " 95 ", " x ")}), "", "frame 1, Hips Yposition: expected a finite number, found 'x'");
+  fault(p.text({row, replaced(row, " 95 ", " nan ")}), "",
+        "frame 1, Hips Yposition: expected a finite number, found 'nan'");
+  fault(p.text({row, replaced(row, " 95 ", " x ")}), "",
+        "frame 1, Hips Yposition: expected a finite number, found 'x'");
   fault(p.text({row, row.substr(0, row.size() - 3) + "\n"}), "", "RightFoot Yrotation: expected 36 numbers, found 35");
   fault(p.text({row, row.substr(0, row.size() - 1) + " 7\n"}), "", "expected the end of the line, found '7'");
   fault(p.text({row, row}) + row, "", "expected the end of the file after 2 frames");
@@ -420,7 +429,8 @@ TEST_CASE("a file cut anywhere is refused, or read whole where only blanks are m
 }
 
 TEST_CASE("numbers beyond any motion do not get through") {
-  CHECK(contains(error_of([&] { parse_bvh(replaced(standing(), "OFFSET 0 15 0", "OFFSET 0 1e9 0"), "f"); }), "below 1e8"));
+  CHECK(contains(error_of([&] { parse_bvh(replaced(standing(), "OFFSET 0 15 0", "OFFSET 0 1e9 0"), "f"); }),
+                 "below 1e8"));
 }
 
 TEST_CASE("recorded take: BVH clips stand on the ground") {
@@ -457,15 +467,17 @@ TEST_CASE("recorded walks go the way the root faces") {
     MESSAGE("skipped: no folder of recorded motions");
     return;
   }
-  for (const char* name : {"cmu-subject16/16_21_1.bvh", "cmu-subject16/16_35_1.bvh", "snu-mass/walk.bvh", "snu-ys2010/dir_0_slope_10.bvh",
-                           "snu-ys2010/wd2_fast_2foot_hop.bvh"}) {
+  for (const char* name : {"cmu-subject16/16_21_1.bvh", "cmu-subject16/16_35_1.bvh", "snu-mass/walk.bvh",
+                           "snu-ys2010/dir_0_slope_10.bvh", "snu-ys2010/wd2_fast_2foot_hop.bvh"}) {
     if (!std::filesystem::exists(*folder / name)) continue;
     CAPTURE(name);
     const traceur::motion::Clip clip = traceur::io::read_bvh(*folder / name).clip;
     double along = 0, path = 0;
     for (int k = 0; k + 1 < clip.keys(); ++k) {
       const Eigen::Vector3d step = clip.poses.col(k + 1).head(3) - clip.poses.col(k).head(3);
-      const Vector forward = traceur::core::heading(traceur::core::Quaternion<double>::from(clip.poses.col(k).data() + 3)).rotate({1, 0, 0});
+      const Vector forward =
+          traceur::core::heading(traceur::core::Quaternion<double>::from(clip.poses.col(k).data() + 3))
+              .rotate({1, 0, 0});
       along += forward.x * step.x() + forward.y * step.y();
       path += step.head(2).norm();
     }

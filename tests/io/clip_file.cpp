@@ -1,8 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/clip_file.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -10,7 +6,10 @@
 #include <random>
 #include <string>
 
+#include <doctest/doctest.h>
+
 #include "motions.hpp"
+#include <traceur/io/clip_file.hpp>
 
 using motions::contains;
 using motions::error_of;
@@ -54,8 +53,9 @@ motion::Clip example(bool labels = true) {
 
 bool same(const body::Joint& a, const body::Joint& b) {
   const auto equal = [](const auto& u, const auto& v) { return norm(u - v) == 0; };
-  return a.name == b.name && a.body == b.body && a.parent == b.parent && a.type == b.type && equal(a.offset, b.offset) &&
-         equal(a.axis, b.axis) && equal(a.rest.vec(), b.rest.vec()) && a.rest.w == b.rest.w;
+  return a.name == b.name && a.body == b.body && a.parent == b.parent && a.type == b.type &&
+         equal(a.offset, b.offset) && equal(a.axis, b.axis) && equal(a.rest.vec(), b.rest.vec()) &&
+         a.rest.w == b.rest.w;
 }
 
 }  // namespace
@@ -131,7 +131,8 @@ TEST_CASE("every fault names line and field") {
   change("\"keys\":7", "\"keys\":1e300", 1, "finite number below 1e8");
   change("\"keys\":7", "\"keys\":6", 8, "frame 6: expected the end of the file after 6 frames");
   change("\"joints\":[", "\"joints\":[],\"x\":[", 1, "joints: expected 1 to 2000 joints");
-  change("\"parent\":1,", "\"parent\":3,", 1, "joints[2]: skeleton: joint 'elbow': expected a parent that comes before it");
+  change("\"parent\":1,", "\"parent\":3,", 1,
+         "joints[2]: skeleton: joint 'elbow': expected a parent that comes before it");
   change("\"parent\":1,", "\"parent\":-7,", 1, "joints[2].parent: expected a joint's index or -1");
   change("elbow body", "root body", 1, "joints[2]: skeleton: joint 'elbow': a second body named 'root body'");
   change("\"hinge\"", "\"slide\"", 1, "joints[2].type: expected fixed, hinge, ball or free, found 'slide'");

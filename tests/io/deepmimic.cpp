@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/deepmimic.hpp>
-
-#include <doctest/doctest.h>
-
-#include <Eigen/Geometry>
 #include <fstream>
 #include <string>
 #include <vector>
 
+#include <Eigen/Geometry>
+#include <doctest/doctest.h>
+
 #include "motions.hpp"
+#include <traceur/io/deepmimic.hpp>
 
 using motions::contains;
 using motions::distance;
@@ -63,13 +62,17 @@ std::string character(const std::string& changed = "", const std::string& key = 
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const auto& j = joints[i];
     using traceur::body::JointType;
-    const std::string type = j.type == JointType::free ? "none" : j.type == JointType::ball ? "spherical" : j.type == JointType::hinge ? "revolute" : "fixed";
+    const std::string type = j.type == JointType::free    ? "none"
+                             : j.type == JointType::ball  ? "spherical"
+                             : j.type == JointType::hinge ? "revolute"
+                                                          : "fixed";
     const auto field = [&](const std::string& name, std::string content) {
       if (changed == j.name && key == name) content = value;
       return content.empty() ? std::string() : "\"" + name + "\": " + content + ", ";
     };
-    out += std::string(i > 0 ? "," : "") + "{" + field("Name", std::string("\"") + j.name + "\"") + field("Type", "\"" + type + "\"") +
-           field("Parent", std::to_string(j.parent)) + field("AttachX", std::to_string(j.x)) + field("AttachY", std::to_string(j.y)) +
+    out += std::string(i > 0 ? "," : "") + "{" + field("Name", std::string("\"") + j.name + "\"") +
+           field("Type", "\"" + type + "\"") + field("Parent", std::to_string(j.parent)) +
+           field("AttachX", std::to_string(j.x)) + field("AttachY", std::to_string(j.y)) +
            field("AttachZ", std::to_string(j.z)) + field("AttachThetaX", "0") + "\"ID\": " + std::to_string(i) + "}";
   }
   return out + "]}}";
@@ -87,7 +90,8 @@ TEST_CASE("at rest the humanoid stands with its arms down, left at +y") {
   CHECK(distance(position(clip, 0, "neck"), {0, 0, 0.9 + 0.236151 + 0.223894}) < 1e-12);
   CHECK(distance(position(clip, 0, "left_ankle"), {0, 0.084887, 0.9 - 0.421546 - 0.40987}) < 1e-12);
   CHECK(distance(position(clip, 0, "right_ankle"), {0, -0.084887, 0.9 - 0.421546 - 0.40987}) < 1e-12);
-  CHECK(distance(position(clip, 0, "right_wrist"), {-0.02405, -0.18311, 0.9 + 0.236151 + 0.2435 - 0.274788 - 0.258947}) < 1e-12);
+  CHECK(distance(position(clip, 0, "right_wrist"),
+                 {-0.02405, -0.18311, 0.9 + 0.236151 + 0.2435 - 0.274788 - 0.258947}) < 1e-12);
   CHECK(clip.skeleton[clip.skeleton.find_body("left_shin")].name == "left_knee");
   CHECK(clip.skeleton[clip.skeleton.find("left_knee")].type == traceur::body::JointType::hinge);
   CHECK(clip.skeleton[clip.skeleton.find("left_wrist")].type == traceur::body::JointType::fixed);
@@ -103,13 +107,15 @@ TEST_CASE("knees bend back by negative angles, elbows forward by positive ones")
   bent[at_left_elbow] = 1.5707963267948966;
   const auto clip = parse_deepmimic(text({bent, rest()}), "t").clip;
   CHECK(distance(position(clip, 0, "left_ankle"), {-0.40987, 0.084887, 0.9 - 0.421546}) < 1e-9);
-  CHECK(distance(position(clip, 0, "left_wrist"), {-0.02405 + 0.258947, 0.18311, 0.9 + 0.236151 + 0.2435 - 0.274788}) < 1e-9);
+  CHECK(distance(position(clip, 0, "left_wrist"), {-0.02405 + 0.258947, 0.18311, 0.9 + 0.236151 + 0.2435 - 0.274788}) <
+        1e-9);
   CHECK(distance(position(clip, 0, "right_ankle"), {0, -0.084887, 0.9 - 0.421546 - 0.40987}) < 1e-12);
 }
 
 TEST_CASE("quaternions are w x y z in y-up axes") {
   // Independent of the reader's algebra: rotate in the file's axes by Eigen, then relabel axes.
-  const Eigen::Quaterniond root = Eigen::Quaterniond(0.5, 0.1, -0.7, 0.3).normalized(), shoulder = Eigen::Quaterniond(0.2, 0.8, 0.1, -0.4).normalized();
+  const Eigen::Quaterniond root = Eigen::Quaterniond(0.5, 0.1, -0.7, 0.3).normalized(),
+                           shoulder = Eigen::Quaterniond(0.2, 0.8, 0.1, -0.4).normalized();
   Row r = rest();
   const auto put = [&](std::size_t at, const Eigen::Quaterniond& q) {
     r[at] = q.w(), r[at + 1] = q.x(), r[at + 2] = q.y(), r[at + 3] = q.z();
@@ -117,8 +123,9 @@ TEST_CASE("quaternions are w x y z in y-up axes") {
   put(at_root, root);
   put(at_right_shoulder, shoulder);
   const auto clip = parse_deepmimic(text({r, rest()}), "t").clip;
-  const Eigen::Vector3d p = Eigen::Vector3d(0, 0.9, 0) + root * (Eigen::Vector3d(0, 0.236151, 0) + Eigen::Vector3d(-0.02405, 0.2435, 0.18311) +
-                                                                shoulder * Eigen::Vector3d(0, -0.274788 - 0.258947, 0));
+  const Eigen::Vector3d p = Eigen::Vector3d(0, 0.9, 0) +
+                            root * (Eigen::Vector3d(0, 0.236151, 0) + Eigen::Vector3d(-0.02405, 0.2435, 0.18311) +
+                                    shoulder * Eigen::Vector3d(0, -0.274788 - 0.258947, 0));
   CHECK(distance(position(clip, 0, "right_wrist"), {p.x(), -p.z(), p.y()}) < 1e-9);
 }
 
@@ -158,7 +165,10 @@ TEST_CASE("quaternions off unit length are scaled and told of, far off refused")
   CHECK(contains(loaded.report.notes[0], "scaled 1 quaternions"));
   CHECK(contains(loaded.report.notes[0], "0.7 to 1"));
   r[at_right_shoulder] = 0.4;
-  CHECK(contains(error_of([&] { parse_deepmimic(text({r, rest()}), "t"); }), "t: frame 0, right_shoulder: expected a unit quaternion, found length 0.4"));
+  CHECK(contains(error_of([&] {
+                   parse_deepmimic(text({r, rest()}), "t");
+                 }),
+                 "t: frame 0, right_shoulder: expected a unit quaternion, found length 0.4"));
 }
 
 TEST_CASE("a character file gives the same skeleton, or its own proportions") {
@@ -224,7 +234,8 @@ TEST_CASE("every fault of a clip names frame and field") {
   fault(text({rest()}), "expected at least two frames, found 1");
   fault(text({rest(0), rest()}), "frame 0: duration: expected seconds, more than 0");
   fault(text({rest(), rest(-1), rest()}), "frame 1: duration");
-  for (std::size_t size = 0; size < good.size() - 2; size += 5) CHECK(!error_of([&] { parse_deepmimic(good.substr(0, size), "c"); }).empty());
+  for (std::size_t size = 0; size < good.size() - 2; size += 5)
+    CHECK(!error_of([&] { parse_deepmimic(good.substr(0, size), "c"); }).empty());
 }
 
 TEST_CASE("recorded clips: built-in skeleton equals the character file, feet stand on the ground") {
@@ -246,7 +257,8 @@ TEST_CASE("recorded clips: built-in skeleton equals the character file, feet sta
     const LoadedClip loaded = traceur::io::read_deepmimic(entry.path());
     double lowest = 1e9;
     for (int k = 0; k < loaded.clip.keys(); ++k)
-      for (const char* ankle : {"left_ankle", "right_ankle"}) lowest = std::min(lowest, position(loaded.clip, k, ankle).z);
+      for (const char* ankle : {"left_ankle", "right_ankle"})
+        lowest = std::min(lowest, position(loaded.clip, k, ankle).z);
     CHECK(lowest > -0.05);
     CHECK(lowest < 0.1);
   }

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/load_clip.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <fstream>
 #include <sstream>
 #include <string>
 #include <vector>
 
+#include <doctest/doctest.h>
+
 #include "motions.hpp"
+#include <traceur/io/load_clip.hpp>
 
 using motions::contains;
 using motions::error_of;
@@ -27,8 +26,7 @@ void put(const std::filesystem::path& path, const std::string& text) { std::ofst
 
 std::string deepmimic() {
   std::string frame = "[0.1, 0, 0.9, 0";
-  for (const int numbers : {4, 4, 4, 4, 1, 4, 4, 1, 4, 1, 4, 4, 1})
-    frame += numbers == 4 ? ", 1, 0, 0, 0" : ", 0";
+  for (const int numbers : {4, 4, 4, 4, 1, 4, 4, 1, 4, 1, 4, 4, 1}) frame += numbers == 4 ? ", 1, 0, 0, 0" : ", 0";
   return "{\"Loop\": \"wrap\", \"Frames\": [" + frame + "], " + frame + "]]}";
 }
 
@@ -47,8 +45,9 @@ TEST_CASE("every format is found by content, whatever its extension") {
   struct Case {
     const char *name, *format;
   };
-  for (const Case& c : {Case{"a.bvh", "BVH"}, Case{"b.txt", "BVH"}, Case{"c.txt", "DeepMimic"}, Case{"d.json", "DeepMimic"},
-                        Case{"e.json", "AMP JSON"}, Case{"f.jsonl", "traceur clip"}, Case{"g.json", "traceur clip"}}) {
+  for (const Case& c :
+       {Case{"a.bvh", "BVH"}, Case{"b.txt", "BVH"}, Case{"c.txt", "DeepMimic"}, Case{"d.json", "DeepMimic"},
+        Case{"e.json", "AMP JSON"}, Case{"f.jsonl", "traceur clip"}, Case{"g.json", "traceur clip"}}) {
     CAPTURE(c.name);
     const io::LoadedClip loaded = io::load_clip(folder / c.name);
     CHECK(loaded.report.format == c.format);
@@ -74,7 +73,8 @@ TEST_CASE("what is no motion is refused with what would be one") {
   };
   fault("a.txt", "", "found an empty file");
   fault("b.txt", "  \n\n", "found an empty file");
-  fault("c.xml", "<mujoco/>", "expected a motion in BVH (.bvh), Acclaim (.amc), DeepMimic (.txt), JSON (.json) or our own format (.jsonl)");
+  fault("c.xml", "<mujoco/>",
+        "expected a motion in BVH (.bvh), Acclaim (.amc), DeepMimic (.txt), JSON (.json) or our own format (.jsonl)");
   fault("d.asf", ":version", "a skeleton; expected a motion");
   fault("e.txt", "{\"Skeleton\": {}}", "a DeepMimic character; expected a motion");
   fault("f.json", "{\"a\": 1}", "found neither");
@@ -141,7 +141,8 @@ TEST_CASE("recorded: every motion of the collection loads as its table says") {
       cells.emplace_back(trimmed);
     }
     // | file | path | motion | fps | frames | s | root path | peak | height |
-    if (cells.size() < 10 || cells[4].empty() || cells[4].find_first_not_of("0123456789") != std::string::npos) continue;
+    if (cells.size() < 10 || cells[4].empty() || cells[4].find_first_not_of("0123456789") != std::string::npos)
+      continue;
     const auto path = *folder / section / cells[1];
     if (path.extension() == ".xml" || !std::filesystem::exists(path)) continue;
     CAPTURE(path.string());

@@ -1,18 +1,16 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/io/motion_json.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <fstream>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
-#include <traceur/io/deepmimic.hpp>
+#include <doctest/doctest.h>
+#include <nlohmann/json.hpp>
 
 #include "motions.hpp"
+#include <traceur/io/deepmimic.hpp>
+#include <traceur/io/motion_json.hpp>
 
 using Json = nlohmann::json;
 using motions::contains;
@@ -82,7 +80,8 @@ TEST_CASE("a PARC clip has the humanoid, contact labels and the ground") {
   CHECK(clip.skeleton[11].body == "right_foot");
   CHECK(clip.skeleton[11].name == "right_ankle");
   CHECK(distance(position(clip, 0, "right_ankle"), {0, -0.084887, 0.9 - 0.421546 - 0.40987}) < 1e-12);
-  CHECK(distance(position(clip, 1, "left_wrist"), {0.1 - 0.02405, 0.18311 + 0.274788 + 0.258947, 0.9 + 0.236151 + 0.2435}) < 1e-12);
+  CHECK(distance(position(clip, 1, "left_wrist"),
+                 {0.1 - 0.02405, 0.18311 + 0.274788 + 0.258947, 0.9 + 0.236151 + 0.2435}) < 1e-12);
   REQUIRE(clip.contacts.rows() == 15);
   REQUIRE(clip.contacts.cols() == 2);
   CHECK(clip.contacts(11, 1) == 1);
@@ -169,7 +168,8 @@ TEST_CASE("every fault names field and frame") {
   change(parc(), "/terrain/dx", 0, "dx: expected metres, more than 0");
   change(parc(), "/terrain/min_point", {0, 0, 0}, "min_point: expected a list of 2, found 3");
   const std::string good = parc().dump();
-  for (std::size_t size = 0; size < good.size(); size += 7) CHECK(!error_of([&] { parse_motion_json(good.substr(0, size), "m"); }).empty());
+  for (std::size_t size = 0; size < good.size(); size += 7)
+    CHECK(!error_of([&] { parse_motion_json(good.substr(0, size), "m"); }).empty());
   fault(std::string(200000, '['), "not JSON");
 }
 
@@ -184,14 +184,16 @@ TEST_CASE("recorded: feet labelled in contact touch the ground that came with th
     const LoadedClip loaded = traceur::io::read_motion_json(*folder / name);
     REQUIRE(loaded.terrain);
     const auto& t = *loaded.terrain;
-    // Height of a foot's joint over the cell it is nearest to; the median, as a foot on an edge may be nearest to the pit beside.
+    // Height of a foot's joint over the cell it is nearest to; the median, as a foot on an edge may be nearest to the
+    // pit beside.
     std::vector<double> above;
     for (int k = 0; k < loaded.clip.keys(); ++k) {
       const auto p = motions::positions(loaded.clip, k);
       for (const int foot : {11, 14}) {
         const Vector at = p[static_cast<std::size_t>(foot)];
         const auto i = std::lround((at.x - t.min_point.x()) / t.dx), j = std::lround((at.y - t.min_point.y()) / t.dx);
-        if (loaded.clip.contacts(foot, k) < 0.5 || i < 0 || j < 0 || i >= t.heights.rows() || j >= t.heights.cols()) continue;
+        if (loaded.clip.contacts(foot, k) < 0.5 || i < 0 || j < 0 || i >= t.heights.rows() || j >= t.heights.cols())
+          continue;
         above.push_back(at.z - t.heights(i, j));
       }
     }

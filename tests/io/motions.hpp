@@ -61,8 +61,8 @@ inline Vector position(const traceur::motion::Clip& clip, int key, const std::st
 
 inline double distance(const Vector& a, const Vector& b) { return norm(a - b); }
 
-/// A person of 1.71 m as BVH. Lengths are metres divided by `unit`; `axes` takes (left, up, forward) to file axes for the
-/// skeleton, `world` for the root's position; `order` is the rotation order of every joint.
+/// A person of 1.71 m as BVH. Lengths are metres divided by `unit`; `axes` takes (left, up, forward) to file axes for
+/// the skeleton, `world` for the root's position; `order` is the rotation order of every joint.
 struct Person {
   double unit = 0.01;
   std::function<Vector(double, double, double)> axes = [](double l, double u, double f) { return Vector{l, u, f}; };
@@ -71,7 +71,7 @@ struct Person {
 
   /// Joints in the order of their channels.
   static const std::vector<std::string>& names() {
-    static const std::vector<std::string> all{"Hips",   "Spine",      "Head",     "LeftArm",   "RightArm", "LeftUpLeg",
+    static const std::vector<std::string> all{"Hips",    "Spine",    "Head",       "LeftArm",  "RightArm", "LeftUpLeg",
                                               "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot"};
     return all;
   }
@@ -80,8 +80,8 @@ struct Person {
     std::string out = "HIERARCHY\n";
     const auto joint = [&](const char* kind, const char* name, double l, double u, double f) {
       const Vector o = axes(l, u, f);
-      out += std::string(kind) + (*name ? " " : "") + name + "\n{\nOFFSET " + number(o.x / unit) + " " + number(o.y / unit) + " " +
-             number(o.z / unit) + "\n";
+      out += std::string(kind) + (*name ? " " : "") + name + "\n{\nOFFSET " + number(o.x / unit) + " " +
+             number(o.y / unit) + " " + number(o.z / unit) + "\n";
       if (std::string(kind) == "End Site") return;
       out += std::string("CHANNELS ") + (std::string(kind) == "ROOT" ? "6 Xposition Yposition Zposition" : "3");
       for (const char axis : order) out += std::string(" ") + axis + "rotation";
@@ -140,10 +140,11 @@ struct Person {
 
 /// A folder that goes with the test.
 class Folder {
- public:
+public:
   Folder() {
     std::random_device entropy;
-    path_ = std::filesystem::temp_directory_path() / ("traceur-motion-" + std::to_string(entropy()) + std::to_string(entropy()));
+    path_ = std::filesystem::temp_directory_path() /
+            ("traceur-motion-" + std::to_string(entropy()) + std::to_string(entropy()));
     std::filesystem::create_directory(path_);
   }
   ~Folder() { std::filesystem::remove_all(path_); }
@@ -151,7 +152,7 @@ class Folder {
   Folder& operator=(const Folder&) = delete;
   std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
 
- private:
+private:
   std::filesystem::path path_;
 };
 

@@ -15,7 +15,7 @@ using scene::Character;
 using scene::JointType;
 using scene::Vector;
 
-constexpr double l1 = 0.7, l2 = 0.5;  // lengths, m
+constexpr double l1 = 0.7;            // length of the upper rod, m
 constexpr double c1 = 0.3, c2 = 0.2;  // joint to centre of mass, m
 constexpr double m1 = 2.0, m2 = 1.5, i1 = 0.09, i2 = 0.04, gravity = 9.81;
 

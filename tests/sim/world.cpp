@@ -75,13 +75,6 @@ World<double> box_on_slope(double angle, double friction) {
   return world;
 }
 
-double worst_torque_share(const Character& c, const Eigen::VectorXd& torque_norms) {
-  double worst = 0;
-  for (Eigen::Index i = 0; i < torque_norms.size(); ++i)
-    worst = std::max(worst, torque_norms[i] / c.actuators[static_cast<std::size_t>(i)].torque_limit);
-  return worst;
-}
-
 }  // namespace
 
 TEST_CASE("flight conserves momenta, limp") { check_flight(ragdoll(), false); }

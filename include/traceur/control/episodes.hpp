@@ -108,8 +108,8 @@ class EpisodeRunner {
       const bool holding = !c.cyclic && tick >= clip_ticks;
       const int reference_tick = holding ? clip_ticks : t;
       measure(lanes_, *model_, roles, c.reference, reference_tick, carry, c.stance[k], raw.data());
+      for (int i = 0; i < full_sensors; ++i) raw[static_cast<std::size_t>(i)] -= S(static_cast<T>(c.sensory(i, t)));
       if (parameters > 0) {
-        for (int i = 0; i < full_sensors; ++i) raw[static_cast<std::size_t>(i)] -= S(static_cast<T>(c.sensory(i, t)));
         feedback(c.shape, c.limits, law_.data() + c.phase[k] * c.shape.phase_size(), raw.data(), da.data());
       } else {
         for (S& a : da) a = S(T(0));

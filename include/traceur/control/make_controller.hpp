@@ -127,6 +127,8 @@ Controller make_cyclic(sim::Lanes<S>& lanes, const sim::Model& model, const sim:
   c.steps_per_tick = sampling.steps_per_tick;
   c.simulation = simulation;
   c.shape = shape;
+  if (!sampling.tied() || sampled.tied_offsets.cols() != static_cast<Eigen::Index>(sampling.period_starts.size()))
+    throw Error("cyclic controller: expected targets sampled with tied windows");
   const int part = sampling.period_ticks;
   const int period = sampling.mirrored ? 2 * part : part;
   if (reference.ticks < 2 * period) throw Error("cyclic controller: expected a reference of at least two periods");

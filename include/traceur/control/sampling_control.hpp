@@ -66,8 +66,8 @@ using SamplingProgress = std::function<bool(int round, double cost)>;
 /// spread shrinks. The best path of the round before is always among the samples, so its cost never rises. Where windows
 /// are tied, equal phases of all cycles (and mirrored halves) share one mean: one plan for every cycle.
 ///
-/// `start_pose`, `start_velocity`: where the simulation begins (usually the reference's first tick). Deterministic for a
-/// seed on any executor. S is the simulator's scalar.
+/// The simulation begins at the reference's first tick. Deterministic for a seed on any executor. S is the simulator's
+/// scalar. Throws Error naming a setting that is out of range.
 template <class S, core::Executor E>
 SampledControl sample_control(const sim::Model& model, const sim::Parameters& simulation, const sim::Ground<core::Element<S>>& ground,
                               const TrackingCost& cost, const TrackingReference& reference, const SamplingParameters& p, E& executor,
@@ -76,6 +76,12 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
   using core::Quaternion;
   using core::Vector3;
   constexpr int width = core::lane_count<S>;
+  if (p.samples < 1 || p.elites < 1 || p.children < 1 || p.rounds < 1 || p.window_ticks < 1 || p.steps_per_tick < 1)
+    throw Error("sampling control: samples, elites, children, rounds, window_ticks and steps_per_tick must be positive");
+  if (p.lag < 0) throw Error("sampling control: lag must be zero or more");
+  for (std::size_t k = 0; k < p.period_starts.size(); ++k)
+    if (p.period_starts[k] >= p.period_ticks || (k == 0 ? p.period_starts[0] != 0 : p.period_starts[k] <= p.period_starts[k - 1]))
+      throw Error("sampling control: period_starts must ascend from 0 and stay below period_ticks");
   const int ticks = reference.ticks;
   std::vector<int> starts;  // first tick of each window, and the end
   if (p.tied()) {
@@ -90,8 +96,6 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
   const int phases = static_cast<int>(p.period_starts.size());
   const int nv = model.nv;
   const Roles& roles = cost.roles();
-  if (p.samples < 1 || p.elites < 1 || p.rounds < 1 || p.window_ticks < 1)
-    throw Error("sampling control: samples, elites, rounds and window_ticks must be positive");
 
   Eigen::VectorXd sigma = Eigen::VectorXd::Zero(nv);
   for (std::size_t b = 1; b < model.bodies.size(); ++b) {

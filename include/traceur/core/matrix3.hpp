@@ -39,7 +39,13 @@ struct Matrix3 {
     return {a.xx - b.xx, a.xy - b.xy, a.xz - b.xz, a.yx - b.yx, a.yy - b.yy,
             a.yz - b.yz, a.zx - b.zx, a.zy - b.zy, a.zz - b.zz};
   }
-  [[gnu::always_inline]] Matrix3& operator+=(const Matrix3& b) { return *this = *this + b; }
+  // Member by member: assigning whole packs of matrices becomes a call of memcpy.
+  [[gnu::always_inline]] Matrix3& operator+=(const Matrix3& b) {
+    xx += b.xx; xy += b.xy; xz += b.xz;
+    yx += b.yx; yy += b.yy; yz += b.yz;
+    zx += b.zx; zy += b.zy; zz += b.zz;
+    return *this;
+  }
   [[gnu::always_inline]] friend Vector3<S> operator*(const Matrix3& a, const Vector3<S>& v) {
     return {a.xx * v.x + a.xy * v.y + a.xz * v.z, a.yx * v.x + a.yy * v.y + a.yz * v.z,
             a.zx * v.x + a.zy * v.y + a.zz * v.z};
@@ -90,8 +96,14 @@ struct Symmetric3 {
   [[gnu::always_inline]] friend Symmetric3 operator-(const Symmetric3& a, const Symmetric3& b) {
     return {a.xx - b.xx, a.yy - b.yy, a.zz - b.zz, a.xy - b.xy, a.xz - b.xz, a.yz - b.yz};
   }
-  [[gnu::always_inline]] Symmetric3& operator+=(const Symmetric3& b) { return *this = *this + b; }
-  [[gnu::always_inline]] Symmetric3& operator-=(const Symmetric3& b) { return *this = *this - b; }
+  [[gnu::always_inline]] Symmetric3& operator+=(const Symmetric3& b) {
+    xx += b.xx; yy += b.yy; zz += b.zz; xy += b.xy; xz += b.xz; yz += b.yz;
+    return *this;
+  }
+  [[gnu::always_inline]] Symmetric3& operator-=(const Symmetric3& b) {
+    xx -= b.xx; yy -= b.yy; zz -= b.zz; xy -= b.xy; xz -= b.xz; yz -= b.yz;
+    return *this;
+  }
   [[gnu::always_inline]] friend Symmetric3 operator*(const S& s, const Symmetric3& a) {
     return {s * a.xx, s * a.yy, s * a.zz, s * a.xy, s * a.xz, s * a.yz};
   }

@@ -19,11 +19,13 @@
 namespace traceur::io {
 
 struct AsfAmcOptions {
-  std::filesystem::path skeleton;  ///< the ASF file; empty: the one beside the clip, named as the clip is before its first '_'
-  std::optional<double> unit;      ///< metres in one unit of the file; without it an inch divided by the skeleton's `length`
-  UpAxis up = UpAxis::detect;      ///< detect: y, as the format has it, if the rest pose agrees
-  double fps = 120;                ///< AMC files do not say; CMU recorded most takes at 120 Hz
-  int skip_frames = 0;             ///< frames to drop at the start
+  std::filesystem::path
+      skeleton;  ///< the ASF file; empty: the one beside the clip, named as the clip is before its first '_'
+  std::optional<double>
+      unit;  ///< metres in one unit of the file; without it an inch divided by the skeleton's `length`
+  UpAxis up = UpAxis::detect;  ///< detect: y, as the format has it, if the rest pose agrees
+  double fps = 120;            ///< AMC files do not say; CMU recorded most takes at 120 Hz
+  int skip_frames = 0;         ///< frames to drop at the start
 };
 
 /// One bone of an ASF skeleton. Direction, axis and motion are in the root's axes.
@@ -39,10 +41,10 @@ struct AsfBone {
 /// An Acclaim skeleton file.
 struct Asf {
   std::string where;
-  double length_unit = 1;          ///< `length` of the units section
+  double length_unit = 1;  ///< `length` of the units section
   bool degrees = true;
   std::array<int, 6> root_order{0, 1, 2, 3, 4, 5};  ///< 0..2 for TX TY TZ, 3..5 for RX RY RZ
-  std::vector<AsfBone> bones;      ///< parents before children
+  std::vector<AsfBone> bones;                       ///< parents before children
   std::vector<std::string> notes;
 };
 
@@ -116,7 +118,8 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
           if (!(asf.length_unit > 1e-6)) fail(where, number, "length: expected more than 0");
         } else if (key == "angle") {
           const std::string angle = lowered(next_word(rest));
-          if (angle != "deg" && angle != "rad") fail(where, number, "angle: expected deg or rad, found " + shown(angle));
+          if (angle != "deg" && angle != "rad")
+            fail(where, number, "angle: expected deg or rad, found " + shown(angle));
           asf.degrees = angle == "deg";
         }
         break;
@@ -126,7 +129,8 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
           for (int& entry : asf.root_order) {
             const std::string_view token = next_word(rest);
             const std::string name = lowered(token);
-            const bool known = name.size() == 2 && (name[0] == 't' || name[0] == 'r') && name[1] >= 'x' && name[1] <= 'z';
+            const bool known =
+                name.size() == 2 && (name[0] == 't' || name[0] == 'r') && name[1] >= 'x' && name[1] <= 'z';
             entry = known ? (name[0] == 'r' ? 3 : 0) + name[1] - 'x' : 0;
             if (!known || std::exchange(seen[entry], true))
               fail(where, number, "root order: expected TX TY TZ RX RY RZ in some order, found " + shown(token));
@@ -135,13 +139,17 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
         } else if (key == "axis") {
           std::array<int, 3> order{};
           const std::string_view token = next_word(rest);
-          if (!to_axes(token, order)) fail(where, number, "root axis: expected XYZ in some order, found " + shown(token));
+          if (!to_axes(token, order))
+            fail(where, number, "root axis: expected XYZ in some order, found " + shown(token));
         } else if (key == "position" || key == "orientation") {
           double largest = 0;
-          for (int k = 0; k < 3; ++k) largest = std::max(largest, std::abs(next_number(rest, where, number, "root " + key)));
+          for (int k = 0; k < 3; ++k)
+            largest = std::max(largest, std::abs(next_number(rest, where, number, "root " + key)));
           expect_end(rest, where, number, "root " + key);
-          if (key == "orientation" && largest > 0) fail(where, number, "root orientation: expected 0 0 0; others are not supported");
-          if (largest > 0) asf.notes.push_back("dropped the skeleton's root position; the clip's own is its place in the world");
+          if (key == "orientation" && largest > 0)
+            fail(where, number, "root orientation: expected 0 0 0; others are not supported");
+          if (largest > 0)
+            asf.notes.push_back("dropped the skeleton's root position; the clip's own is its place in the world");
         } else {
           fail(where, number, "root: expected order, axis, position or orientation, found " + shown(word));
         }
@@ -149,7 +157,8 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
       case Section::bone_data:
         if (key == "begin") {
           if (in_block) fail(where, number, "expected 'end' before the next 'begin'");
-          if (bones.size() >= static_cast<std::size_t>(most_joints)) fail(where, number, "expected at most " + std::to_string(most_joints) + " bones");
+          if (bones.size() >= static_cast<std::size_t>(most_joints))
+            fail(where, number, "expected at most " + std::to_string(most_joints) + " bones");
           in_block = has_bones = true;
           has_name = has_direction = has_length = false;
           bones.emplace_back();
@@ -159,7 +168,8 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
         if (!in_block) fail(where, number, "bonedata: expected 'begin', found " + shown(word));
         if (key == "end") {
           if (!has_name || !has_direction || !has_length)
-            fail(where, number, "bone " + shown(bones.back().name) + ": expected name, direction and length before 'end'");
+            fail(where, number,
+                 "bone " + shown(bones.back().name) + ": expected name, direction and length before 'end'");
           in_block = false;
         } else if (key == "name") {
           const std::string_view name = next_word(rest);
@@ -183,18 +193,22 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
         } else if (key == "axis") {
           for (double& angle : axes.back().angles) angle = next_number(rest, where, number, "axis");
           const std::string_view order = next_word(rest);
-          if (!to_axes(order, axes.back().order)) fail(where, number, "axis: expected XYZ in some order, found " + shown(order));
+          if (!to_axes(order, axes.back().order))
+            fail(where, number, "axis: expected XYZ in some order, found " + shown(order));
         } else if (key == "dof") {
           bool seen[3] = {};
           bones.back().dof.clear();
           for (std::string_view token = next_word(rest); !token.empty(); token = next_word(rest)) {
             const std::string name = lowered(token);
-            if (name.size() != 2 || name[0] != 'r' || name[1] < 'x' || name[1] > 'z' || std::exchange(seen[name[1] - 'x'], true))
+            if (name.size() != 2 || name[0] != 'r' || name[1] < 'x' || name[1] > 'z' ||
+                std::exchange(seen[name[1] - 'x'], true))
               fail(where, number, "dof: expected rx ry rz at most once each, found " + shown(token));
             bones.back().dof.push_back(name[1] - 'x');
           }
         } else if (key != "id" && key != "limits" && key != "bodymass" && key != "cofmass" && key.front() != '(') {
-          fail(where, number, "bone " + shown(bones.back().name) + ": expected name, direction, length, axis, dof, limits or end, found " + shown(word));
+          fail(where, number,
+               "bone " + shown(bones.back().name) +
+                   ": expected name, direction, length, axis, dof, limits or end, found " + shown(word));
         }
         break;
       case Section::hierarchy:
@@ -255,18 +269,23 @@ inline Asf parse_asf(std::string_view text, const std::string& where) {
     asf.bones.push_back(std::move(bone));
     push(i, static_cast<int>(asf.bones.size()) - 1);
   }
-  if (asf.bones.size() != bones.size()) throw Error(where + ": hierarchy: some bones hang in a loop, not from the root");
+  if (asf.bones.size() != bones.size())
+    throw Error(where + ": hierarchy: some bones hang in a loop, not from the root");
   return asf;
 }
 
 /// Reads an AMC clip from text, for the given skeleton. `where` names it in messages.
 ///
-/// A bone with angles becomes a ball joint at its start, one without a fixed joint; the end of a leaf bone is a fixed joint
-/// named "<bone>_end". Every frame must hold the root and every bone that has angles. Throws Error that names line and field.
-inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::string& where, const AsfAmcOptions& options = {}) {
+/// A bone with angles becomes a ball joint at its start, one without a fixed joint; the end of a leaf bone is a fixed
+/// joint named "<bone>_end". Every frame must hold the root and every bone that has angles. Throws Error that names
+/// line and field.
+inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::string& where,
+                            const AsfAmcOptions& options = {}) {
   using namespace detail;
-  if (options.unit && !(*options.unit > 0 && *options.unit < 1e6)) throw Error(where + ": option unit: expected metres, more than 0");
-  if (!(options.fps > 0 && options.fps < 1e6)) throw Error(where + ": option fps: expected frames a second, more than 0");
+  if (options.unit && !(*options.unit > 0 && *options.unit < 1e6))
+    throw Error(where + ": option unit: expected metres, more than 0");
+  if (!(options.fps > 0 && options.fps < 1e6))
+    throw Error(where + ": option fps: expected frames a second, more than 0");
   if (options.skip_frames < 0) throw Error(where + ": option skip_frames: expected zero or more");
 
   const std::size_t bones = asf.bones.size();
@@ -290,11 +309,13 @@ inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::st
     return b.length * b.direction;
   };
   for (const AsfBone& b : asf.bones)
-    m.joints.push_back({b.name, b.parent + 1, b.parent < 0 ? Vector3<double>{0, 0, 0} : end_of(b.parent), b.dof.empty()});
+    m.joints.push_back(
+        {b.name, b.parent + 1, b.parent < 0 ? Vector3<double>{0, 0, 0} : end_of(b.parent), b.dof.empty()});
   for (std::size_t i = 0; i < bones; ++i) {
     if (!leaf[i]) continue;
     const std::string name = asf.bones[i].name + "_end";
-    if (index.contains(name)) throw Error(asf.where + ": bone name " + shown(name) + " is kept for the end of another bone");
+    if (index.contains(name))
+      throw Error(asf.where + ": bone name " + shown(name) + " is kept for the end of another bone");
     m.joints.push_back({name, static_cast<int>(i) + 1, end_of(static_cast<int>(i)), true});
   }
   const std::size_t width = m.joints.size();
@@ -311,7 +332,9 @@ inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::st
     std::string missing = seen[0] == static_cast<long long>(m.frames) ? "" : "root";
     for (std::size_t i = 0; i < bones && missing.empty(); ++i)
       if (!asf.bones[i].dof.empty() && seen[i + 1] != static_cast<long long>(m.frames)) missing = asf.bones[i].name;
-    fail(where, lines.number(), "frame " + std::to_string(frame) + ": expected bone " + shown(missing) + " before its end; is the file truncated?");
+    fail(where, lines.number(),
+         "frame " + std::to_string(frame) + ": expected bone " + shown(missing) +
+             " before its end; is the file truncated?");
   };
   while (lines.next_filled(line)) {
     const int number = lines.number();
@@ -328,7 +351,8 @@ inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::st
     if (word.front() >= '0' && word.front() <= '9') {
       close_frame();
       long long next = 0;
-      if (!to_integer(word, next) || !trimmed(rest).empty()) fail(where, number, "expected a frame number alone, found " + shown(line));
+      if (!to_integer(word, next) || !trimmed(rest).empty())
+        fail(where, number, "expected a frame number alone, found " + shown(line));
       if (in_frame && next != frame + 1)
         fail(where, number, "expected frame " + std::to_string(frame + 1) + ", found " + std::to_string(next));
       if (!in_frame) first_frame = next;
@@ -347,7 +371,8 @@ inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::st
     if (!is_root) {
       const auto found = index.find(word);
       if (found == index.end())
-        fail(where, number, "frame " + std::to_string(frame) + ": bone " + shown(word) + " is not in the skeleton " + asf.where);
+        fail(where, number,
+             "frame " + std::to_string(frame) + ": bone " + shown(word) + " is not in the skeleton " + asf.where);
       slot = found->second + 1;
     }
     if (std::exchange(seen[slot], static_cast<long long>(m.frames)) == static_cast<long long>(m.frames))
@@ -380,7 +405,8 @@ inline LoadedClip parse_amc(std::string_view text, const Asf& asf, const std::st
   report.source = where;
   report.format = "ASF/AMC";
   report.notes = asf.notes;
-  report.rotation_order = std::string("about fixed bone axes in the order of dof, ") + (radian == 1 ? "radians" : "degrees");
+  report.rotation_order =
+      std::string("about fixed bone axes in the order of dof, ") + (radian == 1 ? "radians" : "degrees");
   report.fps = options.fps;
   report.fps_reason = "option fps, 120 unless set: AMC files do not say";
   if (first_frame != 1) report.notes.push_back("the first frame is number " + std::to_string(first_frame));

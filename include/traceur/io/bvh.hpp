@@ -20,9 +20,9 @@
 namespace traceur::io {
 
 struct BvhOptions {
-  std::optional<double> unit;      ///< metres in one unit of the file; without it the one in which the skeleton is a person
-  UpAxis up = UpAxis::detect;      ///< the file's axis away from the ground
-  int skip_frames = 0;             ///< frames to drop at the start, such as a rest pose
+  std::optional<double> unit;  ///< metres in one unit of the file; without it the one in which the skeleton is a person
+  UpAxis up = UpAxis::detect;  ///< the file's axis away from the ground
+  int skip_frames = 0;         ///< frames to drop at the start, such as a rest pose
 };
 
 namespace detail {
@@ -41,7 +41,7 @@ struct BvhHierarchy {
 
 /// Words and names of the hierarchy block, with braces as words of their own.
 class BvhWords {
- public:
+public:
   BvhWords(std::string_view text, std::string_view where) : text_(text), where_(where) {}
 
   std::string_view next() {
@@ -68,7 +68,7 @@ class BvhWords {
   int line() const { return line_; }
   std::string_view rest() const { return text_.substr(at_); }
 
- private:
+private:
   static bool is_brace(char c) { return c == '{' || c == '}'; }
   void step() {
     if (text_[at_] == '\n') ++line_;
@@ -96,7 +96,8 @@ inline BvhHierarchy parse_bvh_hierarchy(BvhWords& words) {
   const auto begin = [&](std::string name, bool fixed) {
     if (name.empty()) words.fail("expected a joint name");
     if (!names.insert(name).second) words.fail("a second joint named " + shown(name));
-    if (h.joints.size() >= static_cast<std::size_t>(most_joints)) words.fail("expected at most " + std::to_string(most_joints) + " joints");
+    if (h.joints.size() >= static_cast<std::size_t>(most_joints))
+      words.fail("expected at most " + std::to_string(most_joints) + " joints");
     if (open.size() >= static_cast<std::size_t>(deepest_joint))
       words.fail("joints nest deeper than " + std::to_string(deepest_joint) + " levels");
     h.joints.push_back({std::move(name), open.empty() ? -1 : open.back().joint, {0, 0, 0}, fixed});
@@ -129,7 +130,8 @@ inline BvhHierarchy parse_bvh_hierarchy(BvhWords& words) {
       for (long long k = 0; k < count; ++k) {
         const std::string_view name_word = words.next();
         const std::string name = lowered(name_word);
-        const bool position = name.size() == 9 && name.ends_with("position"), rotation = name.size() == 9 && name.ends_with("rotation");
+        const bool position = name.size() == 9 && name.ends_with("position"),
+                   rotation = name.size() == 9 && name.ends_with("rotation");
         if ((!position && !rotation) || name[0] < 'x' || name[0] > 'z')
           words.fail(field + ": expected Xposition ... Zrotation, found " + shown(name_word));
         const int axis = name[0] - 'x';
@@ -174,13 +176,14 @@ inline std::string rotation_orders(const BvhHierarchy& h) {
 
 /// Reads a motion from BVH text. `where` names it in messages.
 ///
-/// Joints are balls, the root is free, an End Site becomes a fixed joint named "<parent>_end". Angles multiply in the order
-/// the file lists them. The root's position channels are its place in the world, its OFFSET is not added; position channels
-/// of other joints stand for their OFFSET by their mean over the clip. Throws Error that names line and field; the option
-/// `unit` or `up` where the file leaves that open.
+/// Joints are balls, the root is free, an End Site becomes a fixed joint named "<parent>_end". Angles multiply in the
+/// order the file lists them. The root's position channels are its place in the world, its OFFSET is not added;
+/// position channels of other joints stand for their OFFSET by their mean over the clip. Throws Error that names line
+/// and field; the option `unit` or `up` where the file leaves that open.
 inline LoadedClip parse_bvh(std::string_view text, const std::string& where, const BvhOptions& options = {}) {
   using namespace detail;
-  if (options.unit && !(*options.unit > 0 && *options.unit < 1e6)) throw Error(where + ": option unit: expected metres, more than 0");
+  if (options.unit && !(*options.unit > 0 && *options.unit < 1e6))
+    throw Error(where + ": option unit: expected metres, more than 0");
   if (options.skip_frames < 0) throw Error(where + ": option skip_frames: expected zero or more");
   BvhWords words(text, where);
   BvhHierarchy h = parse_bvh_hierarchy(words);
@@ -188,13 +191,15 @@ inline LoadedClip parse_bvh(std::string_view text, const std::string& where, con
   const std::string_view motion_word = words.next();
   if (lowered(motion_word) == "root") words.fail("a second ROOT: expected one character in a file");
   if (lowered(motion_word) != "motion")
-    words.fail("expected 'MOTION', found " + (motion_word.empty() ? std::string("the end of the file") : shown(motion_word)));
+    words.fail("expected 'MOTION', found " +
+               (motion_word.empty() ? std::string("the end of the file") : shown(motion_word)));
   Lines lines(words.rest());
   const int first_line = words.line() - 1;
   const auto line_number = [&] { return first_line + lines.number(); };
   const auto header = [&](const char* key) {
     std::string_view line;
-    if (!lines.next_filled(line)) fail(where, line_number(), std::string("expected '") + key + "', found the end of the file");
+    if (!lines.next_filled(line))
+      fail(where, line_number(), std::string("expected '") + key + "', found the end of the file");
     const std::size_t colon = line.find(':');
     if (colon == std::string_view::npos || lowered(trimmed(line.substr(0, colon))) + ":" != lowered(key))
       fail(where, line_number(), std::string("expected '") + key + "', found " + shown(line));
@@ -208,22 +213,25 @@ inline LoadedClip parse_bvh(std::string_view text, const std::string& where, con
   std::string_view step_word = header("Frame Time:");
   const double dt = next_number(step_word, where, line_number(), "Frame Time");
   expect_end(step_word, where, line_number(), "Frame Time");
-  if (!(dt > 1e-6 && dt < 1e3)) fail(where, line_number(), "Frame Time: expected seconds between 1e-6 and 1e3, found " + short_number(dt));
+  if (!(dt > 1e-6 && dt < 1e3))
+    fail(where, line_number(), "Frame Time: expected seconds between 1e-6 and 1e3, found " + short_number(dt));
   if (frames < 2) fail(where, count_line, "expected at least two frames, found " + std::to_string(frames));
   if (h.channels.empty()) fail(where, count_line, "expected at least one channel in the hierarchy");
   const std::size_t width = h.channels.size();
   // Each number takes at least two bytes, so an absurd count shows before anything is allocated for it.
   const std::size_t most = (lines.rest().size() + 1) / 2;
   if (static_cast<unsigned long long>(frames) > most / width)
-    fail(where, count_line, "Frames: " + std::to_string(frames) + " frames of " + std::to_string(width) +
-                                " numbers do not fit in the rest of the file; is it truncated?");
+    fail(where, count_line,
+         "Frames: " + std::to_string(frames) + " frames of " + std::to_string(width) +
+             " numbers do not fit in the rest of the file; is it truncated?");
 
   std::vector<double> values;
   values.reserve(static_cast<std::size_t>(frames) * width);
   std::string_view line;
   for (long long f = 0; f < frames; ++f) {
     if (!lines.next_filled(line))
-      fail(where, line_number(), "expected " + std::to_string(frames) + " frames, found " + std::to_string(f) + "; is the file truncated?");
+      fail(where, line_number(),
+           "expected " + std::to_string(frames) + " frames, found " + std::to_string(f) + "; is the file truncated?");
     for (std::size_t c = 0; c < width; ++c) {
       const std::string_view word = next_word(line);
       double value = 0;
@@ -232,16 +240,19 @@ inline LoadedClip parse_bvh(std::string_view text, const std::string& where, con
         continue;
       }
       const BvhChannel& channel = h.channels[c];
-      const std::string field = "frame " + std::to_string(f) + ", " + h.joints[static_cast<std::size_t>(channel.joint)].name + " " +
-                                "XYZ"[channel.axis] + (channel.rotation ? "rotation" : "position");
+      const std::string field = "frame " + std::to_string(f) + ", " +
+                                h.joints[static_cast<std::size_t>(channel.joint)].name + " " + "XYZ"[channel.axis] +
+                                (channel.rotation ? "rotation" : "position");
       if (word.empty())
-        fail(where, line_number(), field + ": expected " + std::to_string(width) + " numbers, found " + std::to_string(c));
+        fail(where, line_number(),
+             field + ": expected " + std::to_string(width) + " numbers, found " + std::to_string(c));
       fail(where, line_number(), field + ": expected a finite number, found " + shown(word));
     }
     expect_end(line, where, line_number(), "frame " + std::to_string(f) + " of " + std::to_string(width) + " numbers");
   }
   if (lines.next_filled(line))
-    fail(where, line_number(), "expected the end of the file after " + std::to_string(frames) + " frames, found " + shown(line));
+    fail(where, line_number(),
+         "expected the end of the file after " + std::to_string(frames) + " frames, found " + shown(line));
 
   LoadedClip out;
   LoadReport& report = out.report;
@@ -291,7 +302,8 @@ inline LoadedClip parse_bvh(std::string_view text, const std::string& where, con
     if (channel.rotation || joint == 0) continue;
     double mean = 0, most_off = 0;
     for (std::size_t f = 0; f < m.frames; ++f) mean += values[(f + skip) * width + c] / static_cast<double>(m.frames);
-    for (std::size_t f = 0; f < m.frames; ++f) most_off = std::max(most_off, std::abs(values[(f + skip) * width + c] - mean));
+    for (std::size_t f = 0; f < m.frames; ++f)
+      most_off = std::max(most_off, std::abs(values[(f + skip) * width + c] - mean));
     Vector3<double>& offset = h.joints[joint].offset;
     (channel.axis == 0 ? offset.x : channel.axis == 1 ? offset.y : offset.z) = mean;
     moved[joint] = std::max(moved[joint], most_off);
@@ -330,9 +342,9 @@ inline LoadedClip read_bvh(const std::filesystem::path& path, const BvhOptions& 
   return parse_bvh(detail::read_text(path), path.string(), options);
 }
 
-/// The clip as BVH text: y up, z forward, angles in the order Z X Y, lengths in `unit` metres (centimetres unless told).
-/// Fixed leaves named "<parent>_end" become End Sites. What BVH cannot hold throws Error: keys that are not evenly spaced, a
-/// root that is not free, joints of one name. Contact labels and `cyclic` are lost.
+/// The clip as BVH text: y up, z forward, angles in the order Z X Y, lengths in `unit` metres (centimetres unless
+/// told). Fixed leaves named "<parent>_end" become End Sites. What BVH cannot hold throws Error: keys that are not
+/// evenly spaced, a root that is not free, joints of one name. Contact labels and `cyclic` are lost.
 inline std::string format_bvh(const motion::Clip& clip, double unit = 0.01) {
   using namespace detail;
   clip.check();
@@ -390,9 +402,11 @@ inline std::string format_bvh(const motion::Clip& clip, double unit = 0.01) {
     out += indent + (is_end ? "End Site" : (i == 0 ? "ROOT " : "JOINT ") + s[i].name) + "\n" + indent + "{\n";
     offset(indent + "  ", i == 0 ? Vector3<double>::zero() : s[i].offset);
     if (!is_end) {
-      out += indent + (i == 0 ? "  CHANNELS 6 Xposition Yposition Zposition" : "  CHANNELS 3") + " Zrotation Xrotation Yrotation\n";
+      out += indent + (i == 0 ? "  CHANNELS 6 Xposition Yposition Zposition" : "  CHANNELS 3") +
+             " Zrotation Xrotation Yrotation\n";
       order.push_back(i);
-      if (children[k].empty()) out += indent + "  End Site\n" + indent + "  {\n" + indent + "    OFFSET 0 0 0\n" + indent + "  }\n";
+      if (children[k].empty())
+        out += indent + "  End Site\n" + indent + "  {\n" + indent + "    OFFSET 0 0 0\n" + indent + "  }\n";
     }
     stack.push_back({i, true});
     for (std::size_t c = children[k].size(); c-- > 0;) stack.push_back({children[k][c], false});

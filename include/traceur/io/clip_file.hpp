@@ -17,8 +17,9 @@ namespace traceur::io {
 
 namespace detail {
 
-constexpr const char* clip_format = "traceur-clip";
-constexpr std::array<const char*, 4> joint_type_names{"fixed", "hinge", "ball", "free"};  // in the order of body::JointType
+inline constexpr const char* clip_format = "traceur-clip";
+inline constexpr std::array<const char*, 4> joint_type_names{"fixed", "hinge", "ball",
+                                                             "free"};  // in the order of body::JointType
 
 inline void append_list(std::string& out, const double* values, Eigen::Index count) {
   out += '[';
@@ -38,26 +39,29 @@ inline body::Joint parse_joint(const Json& value, const std::string& at) {
   j.name = to_text(member(value, "name", at), at + ".name");
   j.body = to_text(member(value, "body", at), at + ".body");
   const double parent = to_number(member(value, "parent", at), at + ".parent");
-  if (!(parent >= -1 && parent < most_joints && parent == std::floor(parent))) throw Error(at + ".parent: expected a joint's index or -1");
+  if (!(parent >= -1 && parent < most_joints && parent == std::floor(parent)))
+    throw Error(at + ".parent: expected a joint's index or -1");
   j.parent = static_cast<int>(parent);
   const std::string& type = to_text(member(value, "type", at), at + ".type");
   std::size_t t = 0;
   while (t < joint_type_names.size() && type != joint_type_names[t]) ++t;
-  if (t == joint_type_names.size()) throw Error(at + ".type: expected fixed, hinge, ball or free, found " + shown(type));
+  if (t == joint_type_names.size())
+    throw Error(at + ".type: expected fixed, hinge, ball or free, found " + shown(type));
   j.type = static_cast<body::JointType>(t);
   j.offset = to_vector(member(value, "offset", at), at + ".offset");
   const Json::array_t& r = to_array(member(value, "rest", at), 4, at + ".rest");
   // As it stands, not rescaled: a clip comes back with the bits it was written with.
-  j.rest = {to_number(r[0], at + ".rest"), to_number(r[1], at + ".rest"), to_number(r[2], at + ".rest"), to_number(r[3], at + ".rest")};
+  j.rest = {to_number(r[0], at + ".rest"), to_number(r[1], at + ".rest"), to_number(r[2], at + ".rest"),
+            to_number(r[3], at + ".rest")};
   j.axis = to_vector(member(value, "axis", at), at + ".axis");
   return j;
 }
 
 }  // namespace detail
 
-/// The clip as text in our own format, JSON lines: a header with format, version, name, cyclic, keys, whether contact labels
-/// follow, and the joints; then one line a key with time `t`, pose `q` and contact labels `c`. Numbers come back bit for bit.
-/// Throws Error when the clip does not pass its own check or a name is not UTF-8.
+/// The clip as text in our own format, JSON lines: a header with format, version, name, cyclic, keys, whether contact
+/// labels follow, and the joints; then one line a key with time `t`, pose `q` and contact labels `c`. Numbers come back
+/// bit for bit. Throws Error when the clip does not pass its own check or a name is not UTF-8.
 inline std::string format_clip(const motion::Clip& clip) {
   using namespace detail;
   clip.check();
@@ -75,8 +79,8 @@ inline std::string format_clip(const motion::Clip& clip) {
   for (int i = 0; i < s.size(); ++i) {
     const body::Joint& j = s[i];
     if (i > 0) out += ',';
-    out += "{\"name\":" + text(j.name) + ",\"body\":" + text(j.body) + ",\"parent\":" + std::to_string(j.parent) + ",\"type\":\"" +
-           joint_type_names[static_cast<std::size_t>(j.type)] + "\",\"offset\":";
+    out += "{\"name\":" + text(j.name) + ",\"body\":" + text(j.body) + ",\"parent\":" + std::to_string(j.parent) +
+           ",\"type\":\"" + joint_type_names[static_cast<std::size_t>(j.type)] + "\",\"offset\":";
     const double offset[] = {j.offset.x, j.offset.y, j.offset.z}, rest[] = {j.rest.x, j.rest.y, j.rest.z, j.rest.w},
                  axis[] = {j.axis.x, j.axis.y, j.axis.z};
     append_list(out, offset, 3);
@@ -101,8 +105,8 @@ inline std::string format_clip(const motion::Clip& clip) {
   return out;
 }
 
-/// Reads a clip in our own format; see format_clip. `where` names the text in messages. Throws Error that names line and
-/// field.
+/// Reads a clip in our own format; see format_clip. `where` names the text in messages. Throws Error that names line
+/// and field.
 inline LoadedClip parse_clip(std::string_view text, const std::string& where) {
   using namespace detail;
   Lines lines(text);
@@ -112,7 +116,8 @@ inline LoadedClip parse_clip(std::string_view text, const std::string& where) {
   const Json header = parse_json(line, where, lines.number());
   const std::string top = here() + ": header";
   if (to_text(member(header, "format", top), top + ".format") != clip_format)
-    throw Error(top + ".format: expected '" + clip_format + "', found " + shown(header["format"].get_ref<const std::string&>()));
+    throw Error(top + ".format: expected '" + clip_format + "', found " +
+                shown(header["format"].get_ref<const std::string&>()));
   if (to_number(member(header, "version", top), top + ".version") != 1) throw Error(top + ".version: expected 1");
 
   LoadedClip out;
@@ -128,7 +133,8 @@ inline LoadedClip parse_clip(std::string_view text, const std::string& where) {
   if (!(keys >= 2 && keys == std::floor(keys))) throw Error(top + ".keys: expected a whole number, two or more");
   const Json::array_t& joints = to_array(member(header, "joints", top), top + ".joints");
   if (joints.empty() || joints.size() > static_cast<std::size_t>(most_joints))
-    throw Error(top + ".joints: expected 1 to " + std::to_string(most_joints) + " joints, found " + std::to_string(joints.size()));
+    throw Error(top + ".joints: expected 1 to " + std::to_string(most_joints) + " joints, found " +
+                std::to_string(joints.size()));
   for (std::size_t i = 0; i < joints.size(); ++i) {
     const std::string at = top + ".joints[" + std::to_string(i) + "]";
     body::Joint j = parse_joint(joints[i], at);
@@ -145,9 +151,11 @@ inline LoadedClip parse_clip(std::string_view text, const std::string& where) {
   while (lines.next_filled(line)) {
     const Json row = parse_json(line, where, lines.number());
     const std::string at = here() + ": frame " + std::to_string(times.size());
-    if (static_cast<double>(times.size()) >= keys) throw Error(at + ": expected the end of the file after " + std::to_string(times.size()) + " frames");
+    if (static_cast<double>(times.size()) >= keys)
+      throw Error(at + ": expected the end of the file after " + std::to_string(times.size()) + " frames");
     times.push_back(to_number(member(row, "t", at), at + ".t"));
-    for (const Json& value : to_array(member(row, "q", at), nq, at + ".q")) poses.push_back(to_number(value, at + ".q"));
+    for (const Json& value : to_array(member(row, "q", at), nq, at + ".q"))
+      poses.push_back(to_number(value, at + ".q"));
     if (!contacts) continue;
     for (const Json& value : to_array(member(row, "c", at), bodies, at + ".c")) {
       labels.push_back(to_number(value, at + ".c"));
@@ -155,11 +163,13 @@ inline LoadedClip parse_clip(std::string_view text, const std::string& where) {
     }
   }
   if (static_cast<double>(times.size()) < keys)
-    throw Error(here() + ": expected " + std::to_string(static_cast<long long>(keys)) + " frames, found " + std::to_string(times.size()) + "; is the file truncated?");
+    throw Error(here() + ": expected " + std::to_string(static_cast<long long>(keys)) + " frames, found " +
+                std::to_string(times.size()) + "; is the file truncated?");
   const auto count = static_cast<Eigen::Index>(times.size());
   clip.times = Eigen::Map<const Eigen::VectorXd>(times.data(), count);
   clip.poses = Eigen::Map<const Eigen::MatrixXd>(poses.data(), static_cast<Eigen::Index>(nq), count);
-  if (contacts) clip.contacts = Eigen::Map<const Eigen::MatrixXd>(labels.data(), static_cast<Eigen::Index>(bodies), count);
+  if (contacts)
+    clip.contacts = Eigen::Map<const Eigen::MatrixXd>(labels.data(), static_cast<Eigen::Index>(bodies), count);
   try {
     clip.check();
   } catch (const Error& e) {
@@ -179,9 +189,13 @@ inline LoadedClip parse_clip(std::string_view text, const std::string& where) {
 }
 
 /// Reads a clip file; see parse_clip.
-inline LoadedClip read_clip(const std::filesystem::path& path) { return parse_clip(detail::read_text(path), path.string()); }
+inline LoadedClip read_clip(const std::filesystem::path& path) {
+  return parse_clip(detail::read_text(path), path.string());
+}
 
 /// Writes a clip file whole or not at all; see format_clip.
-inline void write_clip(const std::filesystem::path& path, const motion::Clip& clip) { write_atomically(path, format_clip(clip)); }
+inline void write_clip(const std::filesystem::path& path, const motion::Clip& clip) {
+  write_atomically(path, format_clip(clip));
+}
 
 }  // namespace traceur::io

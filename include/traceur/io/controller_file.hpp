@@ -14,7 +14,9 @@ namespace traceur::io {
 
 namespace detail {
 
-inline nlohmann::ordered_json matrix_to_json(const Eigen::MatrixXd& m) {
+/// A list of columns. Throws Error naming the field when a number is not finite: JSON has no such number.
+inline nlohmann::ordered_json matrix_to_json(const char* field, const Eigen::MatrixXd& m) {
+  if (!m.allFinite()) throw Error(std::string("controller: field '") + field + "': expected finite numbers");
   nlohmann::ordered_json columns = nlohmann::ordered_json::array();
   for (Eigen::Index c = 0; c < m.cols(); ++c) {
     nlohmann::ordered_json column = nlohmann::ordered_json::array();
@@ -39,6 +41,11 @@ class FieldReader {
     const nlohmann::json& v = at(name);
     if (!v.is_number() || !std::isfinite(v.get<double>())) throw Error(where_ + ": field '" + name + "': expected a finite number");
     return v.get<double>();
+  }
+  double at_least_zero(const char* name) const {
+    const double v = number(name);
+    if (v < 0) throw Error(where_ + ": field '" + name + "': expected zero or more");
+    return v;
   }
   int integer(const char* name, int low, int high) const {
     const double v = number(name);
@@ -94,7 +101,8 @@ class FieldReader {
 
 }  // namespace detail
 
-/// A controller as text: one JSON object, every number exact.
+/// A controller as text: one JSON object, every number exact; in names, bytes that are not UTF-8 are replaced. Throws Error
+/// naming a field with a number that is not finite.
 inline std::string controller_text(const control::Controller& c) {
   using Json = nlohmann::ordered_json;
   const sim::Parameters& s = c.simulation;
@@ -113,7 +121,6 @@ inline std::string controller_text(const control::Controller& c) {
                          {"spring_depth_m", s.spring_depth},
                          {"bristle_stiffness_N_m", s.bristle_stiffness},
                          {"bristle_damping_Ns_m", s.bristle_damping},
-                         {"slip_speed_m_s", s.slip_speed},
                          {"stop_stiffness_Nm_rad", s.stop_stiffness},
                          {"stop_damping_Nms_rad", s.stop_damping},
                          {"joint_speed_limit_rad_s", s.joint_speed_limit},
@@ -126,16 +133,16 @@ inline std::string controller_text(const control::Controller& c) {
                   {"limit_forward_m", c.limits.forward},
                   {"limit_sideways_m", c.limits.sideways},
                   {"limit_action_rad", c.limits.action},
-                  {"parameters", detail::matrix_to_json(Eigen::MatrixXd(c.law))}};
+                  {"parameters", detail::matrix_to_json("parameters", Eigen::MatrixXd(c.law))}};
   j["stance"] = c.stance;
   j["phase"] = c.phase;
-  j["start_pose"] = detail::matrix_to_json(Eigen::MatrixXd(c.start_pose));
-  j["start_velocity"] = detail::matrix_to_json(Eigen::MatrixXd(c.start_velocity));
-  j["targets"] = detail::matrix_to_json(c.targets);
-  j["sensory"] = detail::matrix_to_json(c.sensory);
-  j["reference_poses"] = detail::matrix_to_json(c.reference.poses);
-  j["reference_velocities"] = detail::matrix_to_json(c.reference.velocities);
-  return j.dump() + "\n";
+  j["start_pose"] = detail::matrix_to_json("start_pose", Eigen::MatrixXd(c.start_pose));
+  j["start_velocity"] = detail::matrix_to_json("start_velocity", Eigen::MatrixXd(c.start_velocity));
+  j["targets"] = detail::matrix_to_json("targets", c.targets);
+  j["sensory"] = detail::matrix_to_json("sensory", c.sensory);
+  j["reference_poses"] = detail::matrix_to_json("reference_poses", c.reference.poses);
+  j["reference_velocities"] = detail::matrix_to_json("reference_velocities", c.reference.velocities);
+  return j.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 /// Writes a controller atomically. Throws Error naming the path when it cannot be written.
@@ -169,7 +176,6 @@ inline control::Controller parse_controller(const std::string& text, const std::
   p.spring_depth = s.number("spring_depth_m");
   p.bristle_stiffness = s.number("bristle_stiffness_N_m");
   p.bristle_damping = s.number("bristle_damping_Ns_m");
-  p.slip_speed = s.number("slip_speed_m_s");
   p.stop_stiffness = s.number("stop_stiffness_Nm_rad");
   p.stop_damping = s.number("stop_damping_Nms_rad");
   p.joint_speed_limit = s.number("joint_speed_limit_rad_s");
@@ -179,11 +185,13 @@ inline control::Controller parse_controller(const std::string& text, const std::
   } catch (const Error& e) {
     throw Error(where + ": " + e.what());
   }
+  if (!(std::abs(c.tick - c.steps_per_tick * p.dt) <= 1e-9 * c.tick))
+    throw Error(where + ": field 'tick_s': expected 'steps_per_tick' times 'dt_s'");
   const detail::FieldReader l = f.object("law");
   c.shape.rank = l.integer("rank", 1, 100);
   c.shape.phases = l.integer("phases", 1, 100);
   c.shape.sets = {l.flag("swing_foot"), l.flag("root_spin"), l.flag("ankles")};
-  c.limits = {l.number("limit_forward_m"), l.number("limit_sideways_m"), l.number("limit_action_rad")};
+  c.limits = {l.at_least_zero("limit_forward_m"), l.at_least_zero("limit_sideways_m"), l.at_least_zero("limit_action_rad")};
   const Eigen::MatrixXd law = l.matrix("parameters", c.shape.size());
   if (law.cols() != 1) throw Error(l.where() + ": field 'parameters': expected one column");
   c.law = law.col(0);
@@ -200,6 +208,8 @@ inline control::Controller parse_controller(const std::string& text, const std::
   c.start_pose = q.col(0);
   c.start_velocity = v.col(0);
   body::check_pose(model.character.skeleton, c.start_pose, where + ": field 'start_pose'");
+  for (Eigen::Index t = 0; t < c.targets.cols(); ++t)
+    body::check_pose(model.character.skeleton, c.targets.col(t), where + ": field 'targets', column " + std::to_string(t));
   for (Eigen::Index t = 0; t < c.reference.poses.cols(); ++t)
     body::check_pose(model.character.skeleton, c.reference.poses.col(t), where + ": field 'reference_poses', column " + std::to_string(t));
   c.stance = f.integers("stance", ticks, 0, 1);

@@ -27,8 +27,9 @@ struct DeepMimicJoint {
   double x, y, z;  ///< attachment in the parent's frame, file axes (y up, x forward, z right), m
 };
 
-/// The joints of the DeepMimic humanoid in the order of its clips; bodies named as in the MJCF model of the same proportions.
-constexpr std::array<DeepMimicJoint, 15> deepmimic_joints{{
+/// The joints of the DeepMimic humanoid in the order of its clips; bodies named as in the MJCF model of the same
+/// proportions.
+inline constexpr std::array<DeepMimicJoint, 15> deepmimic_joints{{
     {"root", "pelvis", -1, body::JointType::free, 0, 0, 0},
     {"chest", "torso", 0, body::JointType::ball, 0, 0.236151, 0},
     {"neck", "head", 1, body::JointType::ball, 0, 0.223894, 0},
@@ -76,8 +77,8 @@ inline body::Skeleton deepmimic_skeleton() {
   return detail::deepmimic_skeleton(attach);
 }
 
-/// Reads the skeleton of a DeepMimic character from text: the 15 joints of the humanoid in their order, any proportions.
-/// `where` names the text in messages. Throws Error that names joint and field.
+/// Reads the skeleton of a DeepMimic character from text: the 15 joints of the humanoid in their order, any
+/// proportions. `where` names the text in messages. Throws Error that names joint and field.
 inline body::Skeleton parse_deepmimic_skeleton(std::string_view text, const std::string& where) {
   using namespace detail;
   const Json root = parse_json(text, where);
@@ -99,8 +100,10 @@ inline body::Skeleton parse_deepmimic_skeleton(std::string_view text, const std:
     if (to_number(member(j, "Parent", at), at + ": Parent") != expected.parent)
       throw Error(at + " '" + name + "': expected parent " + std::to_string(expected.parent));
     for (const char* key : {"AttachThetaX", "AttachThetaY", "AttachThetaZ"})
-      if (j.contains(key) && to_number(j[key], at + ": " + key) != 0) throw Error(at + " '" + name + "': " + key + ": expected 0");
-    attach[i] = {to_number(member(j, "AttachX", at), at + ": AttachX"), to_number(member(j, "AttachY", at), at + ": AttachY"),
+      if (j.contains(key) && to_number(j[key], at + ": " + key) != 0)
+        throw Error(at + " '" + name + "': " + key + ": expected 0");
+    attach[i] = {to_number(member(j, "AttachX", at), at + ": AttachX"),
+                 to_number(member(j, "AttachY", at), at + ": AttachY"),
                  to_number(member(j, "AttachZ", at), at + ": AttachZ")};
   }
   return detail::deepmimic_skeleton(attach);
@@ -108,17 +111,20 @@ inline body::Skeleton parse_deepmimic_skeleton(std::string_view text, const std:
 
 /// Reads a DeepMimic clip from text. `where` names it in messages.
 ///
-/// A frame holds 44 numbers: seconds to the next frame, root position, root quaternion (w x y z), then the joints in the
-/// skeleton's order, quaternions w x y z or one angle. The time of the last frame leads nowhere and is dropped. A clip that
-/// wraps is cyclic; the report tells how far its last frame is from its first. Published clips hold quaternions as short as
-/// 0.58: between 0.5 and 1.5 they are scaled to unit length and the report says so. Throws Error that names frame and field.
-inline LoadedClip parse_deepmimic(std::string_view text, const std::string& where, const body::Skeleton& skeleton = deepmimic_skeleton()) {
+/// A frame holds 44 numbers: seconds to the next frame, root position, root quaternion (w x y z), then the joints in
+/// the skeleton's order, quaternions w x y z or one angle. The time of the last frame leads nowhere and is dropped. A
+/// clip that wraps is cyclic; the report tells how far its last frame is from its first. Published clips hold
+/// quaternions as short as 0.58: between 0.5 and 1.5 they are scaled to unit length and the report says so. Throws
+/// Error that names frame and field.
+inline LoadedClip parse_deepmimic(std::string_view text, const std::string& where,
+                                  const body::Skeleton& skeleton = deepmimic_skeleton()) {
   using namespace detail;
   const Json root = parse_json(text, where);
   const std::string& loop = to_text(member(root, "Loop", where), where + ": Loop");
   if (loop != "wrap" && loop != "none") throw Error(where + ": Loop: expected wrap or none, found " + shown(loop));
   const Json::array_t& frames = to_array(member(root, "Frames", where), where + ": Frames");
-  if (frames.size() < 2) throw Error(where + ": Frames: expected at least two frames, found " + std::to_string(frames.size()));
+  if (frames.size() < 2)
+    throw Error(where + ": Frames: expected at least two frames, found " + std::to_string(frames.size()));
 
   LoadedClip out;
   motion::Clip& clip = out.clip;
@@ -135,14 +141,16 @@ inline LoadedClip parse_deepmimic(std::string_view text, const std::string& wher
     std::size_t next = 0;
     const auto number = [&](const char* name) {
       const std::size_t entry = next++;
-      if (!row[entry].is_number()) throw Error(at + ", number " + std::to_string(entry) + " (" + name + "): expected a number");
+      if (!row[entry].is_number())
+        throw Error(at + ", number " + std::to_string(entry) + " (" + name + "): expected a number");
       return to_number(row[entry], at + ", number " + std::to_string(entry) + " (" + name + ")");
     };
     const auto quaternion = [&](const char* name) {
       const double w = number(name), x = number(name), y = number(name), z = number(name);
       const core::Vector3<double> v = from_deepmimic(x, y, z);
       const double length = std::sqrt(w * w + x * x + y * y + z * z);
-      if (!(length > 0.5 && length < 1.5)) throw Error(at + ", " + name + ": expected a unit quaternion, found length " + short_number(length));
+      if (!(length > 0.5 && length < 1.5))
+        throw Error(at + ", " + name + ": expected a unit quaternion, found length " + short_number(length));
       if (std::abs(length - 1) > 1e-3) ++off_unit;
       shortest = std::min(shortest, length);
       longest = std::max(longest, length);
@@ -186,7 +194,8 @@ inline LoadedClip parse_deepmimic(std::string_view text, const std::string& wher
 inline LoadedClip read_deepmimic(const std::filesystem::path& path, const DeepMimicOptions& options = {}) {
   const std::string text = detail::read_text(path);
   if (options.skeleton.empty()) return parse_deepmimic(text, path.string());
-  return parse_deepmimic(text, path.string(), parse_deepmimic_skeleton(detail::read_text(options.skeleton), options.skeleton.string()));
+  return parse_deepmimic(text, path.string(),
+                         parse_deepmimic_skeleton(detail::read_text(options.skeleton), options.skeleton.string()));
 }
 
 }  // namespace traceur::io

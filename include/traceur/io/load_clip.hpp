@@ -26,8 +26,8 @@ struct LoadOptions {
 
 enum class ClipFormat { bvh, amc, deepmimic, json, clip };
 
-/// The format of a motion file, by its content where that is telling and by its extension otherwise. `where` names the file
-/// in messages. Throws Error when it is none of those that can be read.
+/// The format of a motion file, by its content where that is telling and by its extension otherwise. `where` names the
+/// file in messages. Throws Error when it is none of those that can be read.
 inline ClipFormat find_format(std::string_view text, const std::filesystem::path& path, const std::string& where) {
   using namespace detail;
   const std::string extension = lowered(path.extension().string());
@@ -39,12 +39,17 @@ inline ClipFormat find_format(std::string_view text, const std::filesystem::path
   if (lowered(next_word(rest)) == "hierarchy" || extension == ".bvh") return ClipFormat::bvh;
   if (extension == ".amc") return ClipFormat::amc;
   if (line.front() == '{') {
-    if (extension == ".jsonl" || line.substr(0, 200).find(std::string("\"") + clip_format + "\"") != std::string_view::npos) return ClipFormat::clip;
+    if (extension == ".jsonl" ||
+        line.substr(0, 200).find(std::string("\"") + clip_format + "\"") != std::string_view::npos)
+      return ClipFormat::clip;
     if (text.find("\"Frames\"") != std::string_view::npos) return ClipFormat::deepmimic;
-    if (text.find("\"Skeleton\"") != std::string_view::npos) throw Error(where + ": a DeepMimic character; expected a motion");
+    if (text.find("\"Skeleton\"") != std::string_view::npos)
+      throw Error(where + ": a DeepMimic character; expected a motion");
     return ClipFormat::json;
   }
-  throw Error(where + ": expected a motion in BVH (.bvh), Acclaim (.amc), DeepMimic (.txt), JSON (.json) or our own format (.jsonl), found " +
+  throw Error(where +
+              ": expected a motion in BVH (.bvh), Acclaim (.amc), DeepMimic (.txt), JSON (.json) or our own format "
+              "(.jsonl), found " +
               shown(line));
 }
 
@@ -55,7 +60,8 @@ inline LoadedClip load_clip(const std::filesystem::path& path, const LoadOptions
   const ClipFormat format = find_format(text, path, where);
   const bool has_skeleton = format == ClipFormat::amc || format == ClipFormat::deepmimic;
   const bool is_capture = format == ClipFormat::bvh || format == ClipFormat::amc;
-  if (!options.skeleton.empty() && !has_skeleton) throw Error(where + ": option skeleton: this format brings its own skeleton");
+  if (!options.skeleton.empty() && !has_skeleton)
+    throw Error(where + ": option skeleton: this format brings its own skeleton");
   if (options.unit && !is_capture) throw Error(where + ": option unit: this format is in metres");
   if (options.up != UpAxis::detect && !is_capture) throw Error(where + ": option up: this format fixes the up axis");
   if (options.fps && format != ClipFormat::amc) throw Error(where + ": option fps: the file states its rate");

@@ -14,7 +14,8 @@
 
 namespace traceur::io {
 
-/// The humanoid of PARC's clips: 15 bodies, z up, x forward, arms stretched sideways at zero rotations; all joints balls.
+/// The humanoid of PARC's clips: 15 bodies, z up, x forward, arms stretched sideways at zero rotations; all joints
+/// balls.
 inline body::Skeleton parc_skeleton() {
   struct Row {
     const char* name;
@@ -78,7 +79,8 @@ inline body::Skeleton amp_skeleton(const Json& root, const std::string& where) {
   const Json::array_t& names = to_array(member(root, "node_names", where), where + ": node_names");
   const std::size_t n = names.size();
   if (n == 0 || n > static_cast<std::size_t>(most_joints))
-    throw Error(where + ": node_names: expected 1 to " + std::to_string(most_joints) + " names, found " + std::to_string(n));
+    throw Error(where + ": node_names: expected 1 to " + std::to_string(most_joints) + " names, found " +
+                std::to_string(n));
   const Json::array_t& parents = to_array(member(root, "parent_indices", where), n, where + ": parent_indices");
   const Json::array_t& offsets = to_array(member(root, "local_translation", where), n, where + ": local_translation");
   body::Skeleton s;
@@ -86,10 +88,13 @@ inline body::Skeleton amp_skeleton(const Json& root, const std::string& where) {
   for (std::size_t i = 0; i < n; ++i) {
     body::Joint j;
     j.name = j.body = to_text(names[i], entry(where, "node_names", i));
-    if (!seen.insert(j.name).second) throw Error(entry(where, "node_names", i) + ": a second node named " + shown(j.name));
+    if (!seen.insert(j.name).second)
+      throw Error(entry(where, "node_names", i) + ": a second node named " + shown(j.name));
     const double parent = to_number(parents[i], entry(where, "parent_indices", i));
-    const bool valid = i == 0 ? parent == -1 : parent >= 0 && parent < static_cast<double>(i) && parent == std::floor(parent);
-    if (!valid) throw Error(entry(where, "parent_indices", i) + ": expected " + (i == 0 ? "-1" : "the index of an earlier node"));
+    const bool valid =
+        i == 0 ? parent == -1 : parent >= 0 && parent < static_cast<double>(i) && parent == std::floor(parent);
+    if (!valid)
+      throw Error(entry(where, "parent_indices", i) + ": expected " + (i == 0 ? "-1" : "the index of an earlier node"));
     j.parent = static_cast<int>(parent);
     j.type = i == 0 ? body::JointType::free : body::JointType::ball;
     // The root's place is in the clip.
@@ -115,7 +120,8 @@ inline void read_amp(const Json& root, const std::string& where, LoadedClip& out
     const std::string at = entry(where, "rotation", k);
     const Json::array_t& row = to_array(rotations[k], n, at);
     for (std::size_t i = 0; i < n; ++i)
-      to_quaternion(row[i], at + "[" + std::to_string(i) + "]").store(q + (i == 0 ? 3 : clip.skeleton[static_cast<int>(i)].q_index));
+      to_quaternion(row[i], at + "[" + std::to_string(i) + "]")
+          .store(q + (i == 0 ? 3 : clip.skeleton[static_cast<int>(i)].q_index));
   }
   out.report.format = "AMP JSON";
   out.report.fps = fps;
@@ -148,7 +154,8 @@ inline void read_parc(const Json& root, const std::string& where, LoadedClip& ou
   bool wraps = false;
   if (const auto mode = root.find("loop_mode"); mode != root.end()) {
     const std::string& loop = to_text(*mode, where + ": loop_mode");
-    if (loop != "CLAMP" && loop != "WRAP") throw Error(where + ": loop_mode: expected CLAMP or WRAP, found " + shown(loop));
+    if (loop != "CLAMP" && loop != "WRAP")
+      throw Error(where + ": loop_mode: expected CLAMP or WRAP, found " + shown(loop));
     wraps = loop == "WRAP";
   }
   clip.skeleton = parc_skeleton();
@@ -178,7 +185,8 @@ inline void read_parc(const Json& root, const std::string& where, LoadedClip& ou
       }
     }
   }
-  if (const auto terrain = root.find("terrain"); terrain != root.end()) out.terrain = read_heights(*terrain, where + ": terrain");
+  if (const auto terrain = root.find("terrain"); terrain != root.end())
+    out.terrain = read_heights(*terrain, where + ": terrain");
   out.report.format = "PARC JSON";
   out.report.fps = fps;
   if (wraps) make_cyclic(out);
@@ -190,8 +198,8 @@ inline void read_parc(const Json& root, const std::string& where, LoadedClip& ou
 /// messages. Throws Error that names field and frame.
 ///
 /// The AMP layout brings its skeleton (node_names, parent_indices, local_translation) and has root_translation and, for
-/// every frame, one local rotation a node. PARC's has root_pos, root_rot and 14 joint_rot for `parc_skeleton()`, contact
-/// labels and the ground.
+/// every frame, one local rotation a node. PARC's has root_pos, root_rot and 14 joint_rot for `parc_skeleton()`,
+/// contact labels and the ground.
 inline LoadedClip parse_motion_json(std::string_view text, const std::string& where) {
   using namespace detail;
   const Json root = parse_json(text, where);
@@ -208,10 +216,10 @@ inline LoadedClip parse_motion_json(std::string_view text, const std::string& wh
     read_parc(root, where, out);
   else
     throw Error(where + ": expected a field root_translation (AMP) or root_pos (PARC), found neither");
-  const std::array<std::string_view, 16> used{"format",         "source",            "fps",              "loop_mode",
-                                              "root_pos",       "root_rot",          "joint_rot",        "body_contacts",
-                                              "terrain",        "node_names",        "parent_indices",   "local_translation",
-                                              "is_local",       "root_translation",  "rotation",         "name"};
+  const std::array<std::string_view, 16> used{
+      "format",    "source",           "fps",      "loop_mode",  "root_pos",       "root_rot",
+      "joint_rot", "body_contacts",    "terrain",  "node_names", "parent_indices", "local_translation",
+      "is_local",  "root_translation", "rotation", "name"};
   for (const auto& field : root.items())
     if (std::find(used.begin(), used.end(), field.key()) == used.end() && out.report.notes.size() < 20)
       out.report.notes.push_back("dropped the field " + shown(field.key()));

@@ -138,29 +138,34 @@ struct BodyPlan {
   const Limbs& right() const { return side[1]; }
 
   /// The joint at a landmark, -1 for none. Spine and clavicle are not kept.
-  int at(Landmark landmark, Side which) const { return const_cast<BodyPlan*>(this)->slot(landmark, which, nullptr); }
+  int at(Landmark landmark, Side which) const {
+    const int* p = slot(*this, landmark, which);
+    return p != nullptr ? *p : -1;
+  }
   /// Sets a landmark; false when the plan has no place for it.
-  bool set(Landmark landmark, Side which, int joint) { return slot(landmark, which, &joint) == joint; }
+  bool set(Landmark landmark, Side which, int joint) {
+    int* p = slot(*this, landmark, which);
+    if (p != nullptr) *p = joint;
+    return p != nullptr;
+  }
 
  private:
-  int slot(Landmark landmark, Side which, const int* value) {
-    int* p = nullptr;
-    Limbs& limbs = side[which == Side::right ? 1 : 0];
+  template <class Plan>
+  static auto slot(Plan& plan, Landmark landmark, Side which) -> decltype(&plan.pelvis) {
+    auto& limbs = plan.side[which == Side::right ? 1 : 0];
     switch (landmark) {
-      case Landmark::pelvis: p = &pelvis; break;
-      case Landmark::neck: p = &neck; break;
-      case Landmark::head: p = &head; break;
-      case Landmark::shoulder: p = &limbs.shoulder; break;
-      case Landmark::elbow: p = &limbs.elbow; break;
-      case Landmark::wrist: p = &limbs.wrist; break;
-      case Landmark::hip: p = &limbs.hip; break;
-      case Landmark::knee: p = &limbs.knee; break;
-      case Landmark::ankle: p = &limbs.ankle; break;
-      case Landmark::toe: p = &limbs.toe; break;
-      default: return -1;
+      case Landmark::pelvis: return &plan.pelvis;
+      case Landmark::neck: return &plan.neck;
+      case Landmark::head: return &plan.head;
+      case Landmark::shoulder: return &limbs.shoulder;
+      case Landmark::elbow: return &limbs.elbow;
+      case Landmark::wrist: return &limbs.wrist;
+      case Landmark::hip: return &limbs.hip;
+      case Landmark::knee: return &limbs.knee;
+      case Landmark::ankle: return &limbs.ankle;
+      case Landmark::toe: return &limbs.toe;
+      default: return nullptr;
     }
-    if (value != nullptr) *p = *value;
-    return *p;
   }
 };
 

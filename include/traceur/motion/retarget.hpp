@@ -39,9 +39,9 @@ struct RetargetWeights {
   double foot = 0.08;           ///< orientation of feet, rad
   double twist = 0.2;           ///< orientation of thighs and upper arms, rad
   double ankle = 0.03;          ///< place of the ankles, m
-  double contact = 0.0002;      ///< a sole point in contact, from its place, m
+  double contact = 0.0001;      ///< a sole point in contact, from its place, m
   double ground = 0.001;        ///< depth of any shape below ground, m
-  double limit = 0.01;          ///< joint angles beyond their range, rad
+  double limit = 0.003;         ///< joint angles beyond their range, rad
   double change = 0.5;          ///< all joint angles, from the first guess, rad or m
   double acceleration = 10.0;   ///< of the correction, rad/s^2; a tenth of it for the root's place, m/s^2
 };
@@ -52,6 +52,9 @@ struct RetargetOptions {
   double most_fps = 60;     ///< faster clips are resampled to this
   bool direct = true;       ///< copy rotations where source and target bones match within 1 %, instead of solving
   bool align = true;        ///< move the clip to begin above the origin heading +x
+  /// Whether the source moves on a plane. If not, heights are kept but for the scale, feet are held where they rest, at
+  /// whatever height, and nothing is kept above ground: for stairs, slopes, and clips that come with terrain.
+  bool flat_ground = true;
   int iterations = 30;      ///< of the solver, at most; 0 leaves the first guess
   ContactThresholds contact;
   RetargetWeights weights;
@@ -247,36 +250,47 @@ struct FootContacts {
 /// point is in the world.
 template <class Place>
 inline FootContacts find_contacts(const TargetBody& target, const Eigen::VectorXd& times, const ContactThresholds& limits,
-                                  const Place& place) {
+                                  bool flat_ground, const Place& place) {
   FootContacts out;
   const auto n = static_cast<std::size_t>(times.size());
   for (std::size_t side = 0; side < 2; ++side)
     for (std::size_t part = 0; part < 2; ++part) {
       std::vector<Vec> p(n, Vec{0, 0, 0});
+      std::vector<double> tilt(n, 0.0);  // height difference of points that share the ground when the part stands
       double count = 0;
       for (const SolePoint& s : target.sole[side]) {
         if (s.part != static_cast<int>(part)) continue;
         ++count;
-        for (std::size_t k = 0; k < n; ++k) p[k] += place(k, side, s.local);
+        for (std::size_t k = 0; k < n; ++k) {
+          const Vec at = place(k, side, s.local);
+          if (count > 1) tilt[k] = std::max(tilt[k], std::abs(at.z - p[k].z / (count - 1)));
+          p[k] += at;
+        }
       }
       std::vector<char>& on = out.on[side][part];
       on.assign(n, 0);
       if (count == 0) continue;
       for (Vec& v : p) v *= 1 / count;
       const auto speed = [&](std::size_t a, std::size_t b) {
-        return std::hypot(p[b].x - p[a].x, p[b].y - p[a].y) / (times[static_cast<Eigen::Index>(b)] - times[static_cast<Eigen::Index>(a)]);
+        return std::hypot(p[b].x - p[a].x, p[b].y - p[a].y, flat_ground ? 0.0 : p[b].z - p[a].z) / (times[static_cast<Eigen::Index>(b)] - times[static_cast<Eigen::Index>(a)]);
       };
       // The slower of the steps before and after: a touch-down's step before is still swing.
       std::vector<double> v(n);
       for (std::size_t k = 0; k < n; ++k)
         v[k] = k == 0 ? speed(0, 1) : k + 1 == n ? speed(n - 2, n - 1) : std::min(speed(k - 1, k), speed(k, k + 1));
+      const Vec up = target.neutral_rotation(target.plan.side[side].ankle).conjugate().rotate(Vec{0, 0, 1});
+      const auto passes = [&](std::size_t k, double height, double fast) {
+        // A foot on its side, heel or back touches the ground, but does not stand.
+        const bool stands = tilt[k] < 0.05 && (place(k, side, up) - place(k, side, Vec{0, 0, 0})).z > 0.3;
+        return stands && (!flat_ground || p[k].z < height) && v[k] < fast;
+      };
       for (std::size_t k = 0; k < n; ++k) {
-        const bool held = k > 0 && on[k - 1] != 0 && p[k].z < limits.end_height && v[k] < limits.end_speed;
-        on[k] = held || (p[k].z < limits.begin_height && v[k] < limits.begin_speed) ? 1 : 0;
+        const bool held = k > 0 && on[k - 1] != 0 && passes(k, limits.end_height, limits.end_speed);
+        on[k] = held || passes(k, limits.begin_height, limits.begin_speed) ? 1 : 0;
       }
       // Hysteresis backwards too, so that a contact begins where it would end in the reversed clip.
       for (std::size_t k = n - 1; k-- > 0;)
-        if (on[k + 1] != 0 && p[k].z < limits.end_height && v[k] < limits.end_speed) on[k] = 1;
+        if (on[k + 1] != 0 && passes(k, limits.end_height, limits.end_speed)) on[k] = 1;
       // Short gaps in which the point went nowhere are closed, then short contacts dropped.
       const auto time = [&](std::size_t k) { return times[static_cast<Eigen::Index>(k)]; };
       for (const char value : {char{0}, char{1}})
@@ -358,28 +372,67 @@ inline int limit_excess(const body::Joint& joint, const body::Actuator& a, const
   return 4;
 }
 
-/// Residuals of one key: parameter 0 is its displacement (nv), then one ground anchor (2) for each sole point in contact.
-struct KeyCost {
+/// Residuals of one key at displacement d (nv): parameter 0. A sole point in contact adds three numbers that also depend on
+/// the ground anchor (2) where it rests: parameters 1, 2, ...
+class KeyCost final : public ceres::CostFunction {
+ public:
   struct Contact {
     int body;
     Vec local;
+    double height;  ///< of the ground there, m
   };
-  const TargetBody& target;
-  const RetargetWeights& weights;
-  KeyGoal goal;
-  const double* guess;
-  std::vector<Contact> contacts;
 
+  KeyCost(const TargetBody& t, const RetargetWeights& w, const KeyGoal& g, const double* q, std::vector<Contact> held)
+      : target(t), weights(w), goal(g), guess(q), contacts(std::move(held)) {
+    set_num_residuals(residuals());
+    mutable_parameter_block_sizes()->push_back(t.skeleton().nv());
+    for (std::size_t c = 0; c < contacts.size(); ++c) mutable_parameter_block_sizes()->push_back(2);
+  }
+
+  bool Evaluate(double const* const* parameters, double* out, double** jacobians) const override {
+    constexpr int width = 12;
+    using Dual = ceres::Jet<double, width>;
+    const int nv = target.skeleton().nv(), rows = num_residuals();
+    const auto count = static_cast<std::size_t>(nv);
+    if (jacobians == nullptr || jacobians[0] == nullptr) {
+      evaluate(parameters[0], out);
+    } else {
+      // As many directions at a time as a dual number holds.
+      std::vector<Dual> d(count), r(static_cast<std::size_t>(rows));
+      for (int begin = 0; begin < nv; begin += width) {
+        for (int i = 0; i < nv; ++i) {
+          const bool active = i >= begin && i < begin + width;
+          d[static_cast<std::size_t>(i)] = active ? Dual(parameters[0][i], i - begin) : Dual(parameters[0][i]);
+        }
+        evaluate(d.data(), r.data());
+        for (int k = 0; k < rows; ++k)
+          for (int i = begin; i < std::min(nv, begin + width); ++i) jacobians[0][k * nv + i] = r[static_cast<std::size_t>(k)].v[i - begin];
+      }
+      for (int k = 0; k < rows; ++k) out[k] = r[static_cast<std::size_t>(k)].a;
+    }
+    const int first = rows - 3 * static_cast<int>(contacts.size());
+    for (std::size_t c = 0; c < contacts.size(); ++c) {
+      const int row = first + 3 * static_cast<int>(c);
+      out[row] -= parameters[c + 1][0] / weights.contact;
+      out[row + 1] -= parameters[c + 1][1] / weights.contact;
+      if (jacobians == nullptr || jacobians[c + 1] == nullptr) continue;
+      std::fill_n(jacobians[c + 1], 2 * rows, 0.0);
+      jacobians[c + 1][2 * row] = jacobians[c + 1][2 * (row + 1) + 1] = -1 / weights.contact;
+    }
+    return true;
+  }
+
+ private:
+  /// All residuals with the anchors at the origin.
   template <class S>
-  bool operator()(S const* const* parameters, S* residuals) const {
+  void evaluate(const S* d, S* out) const {
     using core::Quaternion;
     using core::Vector3;
     const body::Skeleton& s = target.skeleton();
     std::vector<S> q(static_cast<std::size_t>(s.nq()));
     body::Frames<S> frames(s);
-    body::displace(s, guess, parameters[0], q.data());
+    body::displace(s, guess, d, q.data());
     body::forward_kinematics(s, q.data(), frames);
-    S* out = residuals;
     const auto position = [&](int i) { return frames.position[static_cast<std::size_t>(i)]; };
     const auto put = [&](const Vector3<S>& v, double sigma) {
       (S(1 / sigma) * v).store(out);
@@ -413,13 +466,11 @@ struct KeyCost {
       const int n = limit_excess(s[i], target.character.actuators[static_cast<std::size_t>(i)], q.data(), excess);
       for (int k = 0; k < n; ++k) *out++ = excess[k] / S(weights.limit);
     }
-    for (int i = 0; i < s.nv(); ++i) *out++ = parameters[0][i] / S(weights.change);
-    for (std::size_t c = 0; c < contacts.size(); ++c) {
-      const Vector3<S> p = frames.point(contacts[c].body, contacts[c].local.cast<S>());
-      const S* anchor = parameters[c + 1];
-      put({p.x - anchor[0], p.y - anchor[1], p.z}, weights.contact);
+    for (int i = 0; i < s.nv(); ++i) *out++ = d[i] * S(1 / weights.change);
+    for (const Contact& c : contacts) {
+      const Vector3<S> p = frames.point(c.body, c.local.cast<S>());
+      put({p.x, p.y, p.z - S(c.height)}, weights.contact);
     }
-    return true;
   }
 
   int residuals() const {
@@ -431,6 +482,12 @@ struct KeyCost {
         n += s[i].type == body::JointType::hinge ? 1 : s[i].type == body::JointType::ball ? 4 : 0;
     return n;
   }
+
+  const TargetBody& target;
+  const RetargetWeights& weights;
+  KeyGoal goal;
+  const double* guess;
+  std::vector<Contact> contacts;
 };
 
 /// The correction's acceleration over three keys, divided by its standard deviation.
@@ -530,7 +587,7 @@ class Retargeter {
       }
     }
     out.report.direct = true;
-    lift(clip, out.report);
+    if (options_.flat_ground) lift(clip, out.report);
     return true;
   }
 
@@ -550,7 +607,7 @@ class Retargeter {
     const auto goal_place = [&](std::size_t k, std::size_t side, const Vec& local) {
       return goals_[k].ankle[side] + goals_[k].foot[side].rotate(local);
     };
-    contacts_ = find_contacts(target_, source_.times, options_.contact, goal_place);
+    contacts_ = find_contacts(target_, source_.times, options_.contact, options_.flat_ground, goal_place);
     report.foot_slide_before = find_slide(target_, contacts_, source_.times, goal_place).speed;
     report.penetration_before = std::max(0.0, deepest(clip));
     if (options_.iterations > 0) optimize(clip, report);
@@ -567,7 +624,7 @@ class Retargeter {
       return frames[k].point(target_.plan.side[side].ankle, local);
     };
     RetargetReport& report = out.report;
-    if (report.direct) contacts_ = find_contacts(target_, source_.times, options_.contact, place);
+    if (report.direct) contacts_ = find_contacts(target_, source_.times, options_.contact, options_.flat_ground, place);
     const Slide slide = find_slide(target_, contacts_, source_.times, place);
     report.foot_slide_after = slide.speed;
     report.foot_drift_after = slide.drift;
@@ -582,7 +639,7 @@ class Retargeter {
     for (std::size_t k = 0; k < keys_; ++k) {
       const auto i = static_cast<Eigen::Index>(k);
       for (const GroundPoint& g : target_.points)
-        if (frames[k].point(g.body, g.local).z - g.radius < 0.01) clip.contacts(g.body, i) = 1;
+        if (options_.flat_ground && frames[k].point(g.body, g.local).z - g.radius < 0.01) clip.contacts(g.body, i) = 1;
       for (std::size_t side = 0; side < 2; ++side) {
         clip.contacts(target_.plan.side[side].ankle, i) = contacts_.any(side, k) ? 1 : 0;
         for (std::size_t b = 0; b < 4; ++b) {
@@ -741,7 +798,7 @@ class Retargeter {
 
   void calibrate() {
     const BodyPlan &from = map_.source, &to = map_.target;
-    const body::Skeleton &s = source_.skeleton, &t = target_.skeleton();
+    const body::Skeleton& s = source_.skeleton;
     const auto length = [](const body::Frames<double>& f, const BodyPlan::Limbs& l) {
       const auto p = [&](int j) { return f.position[static_cast<std::size_t>(j)]; };
       return norm(p(l.knee) - p(l.hip)) + norm(p(l.ankle) - p(l.knee));
@@ -790,13 +847,15 @@ class Retargeter {
       calibrate_limb(side, 2);
       calibrate_foot(side);
     }
-    ground_ = 0;
-    std::array<double, 2> own{};
-    for (std::size_t side = 0; side < 2; ++side) own[side] = target_.ankle_height[side] - scale_ * flat_height_[side];
-    ground_ = std::max(own[0], own[1]);
-    for (std::size_t side = 0; side < 2; ++side)
-      foot_offset_[side] = std::abs(own[side] - ground_) < 0.04 ? own[side] - ground_ : 0.0;
-    (void)t;
+    if (options_.flat_ground) {
+      std::array<double, 2> own{};
+      for (std::size_t side = 0; side < 2; ++side) own[side] = target_.ankle_height[side] - scale_ * flat_height_[side];
+      ground_ = std::max(own[0], own[1]);
+      // A foot that never comes down as low as the other, as in a kick, tells nothing of the ground.
+      for (std::size_t side = 0; side < 2; ++side) foot_offset_[side] = ground_ - own[side] < 0.04 ? own[side] - ground_ : 0.0;
+    } else {
+      ground_ = -0.5 * (raise_[0] + raise_[1]);
+    }
   }
 
   /// The hinge's axis in the frame of the segment above it, signed so that bending in its range is positive.
@@ -992,6 +1051,7 @@ class Retargeter {
     // One anchor for every sole point and contact: where that point rests is free, but it is one place.
     struct Anchor {
       std::array<double, 2> place{0, 0};
+      double height = 0;
       int keys = 0;
     };
     std::vector<std::unique_ptr<Anchor>> anchors;
@@ -1007,24 +1067,24 @@ class Retargeter {
           ++a.keys;
           a.place[0] += (at.x - a.place[0]) / a.keys;
           a.place[1] += (at.y - a.place[1]) / a.keys;
-          held[k].push_back({{target_.plan.side[side].ankle, p.local}, &a});
+          if (!options_.flat_ground) a.height += (at.z - a.height) / a.keys;
+          held[k].push_back({{target_.plan.side[side].ankle, p.local, 0}, &a});
         }
       }
 
+    RetargetWeights weights = options_.weights;
+    if (!options_.flat_ground) weights.ground = std::numeric_limits<double>::infinity();
     ceres::Problem problem;
     for (std::size_t k = 0; k < keys_; ++k) {
       const auto i = static_cast<Eigen::Index>(k);
-      auto functor = std::make_unique<KeyCost>(KeyCost{target_, options_.weights, goals_[k], guess.col(i).data(), {}});
+      std::vector<KeyCost::Contact> contacts;
       std::vector<double*> blocks{correction.col(i).data()};
       for (const auto& [contact, anchor] : held[k]) {
-        functor->contacts.push_back(contact);
+        contacts.push_back(contact);
+        contacts.back().height = anchor->height;
         blocks.push_back(anchor->place.data());
       }
-      const int residuals = functor->residuals();
-      auto* cost = new ceres::DynamicAutoDiffCostFunction<KeyCost, 12>(functor.release());
-      cost->AddParameterBlock(static_cast<int>(nv));
-      for (std::size_t c = 1; c < blocks.size(); ++c) cost->AddParameterBlock(2);
-      cost->SetNumResiduals(residuals);
+      auto* cost = new KeyCost(target_, weights, goals_[k], guess.col(i).data(), std::move(contacts));
       problem.AddResidualBlock(cost, nullptr, blocks);
       if (k >= 2)
         problem.AddResidualBlock(new AccelerationCost(t, clip.times[i - 1] - clip.times[i - 2], clip.times[i] - clip.times[i - 1],
@@ -1034,7 +1094,7 @@ class Retargeter {
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
     options.max_num_iterations = options_.iterations;
-    options.function_tolerance = 1e-5;
+    options.function_tolerance = 1e-4;
     options.parameter_tolerance = 1e-6;
     options.num_threads = 1;
     options.logging_type = ceres::SILENT;

@@ -23,10 +23,10 @@ struct BodyWork {
   core::Vector3<S> axis;               ///< hinge axis
   core::Symmetric3<S> inertia;         ///< about the joint
   core::Vector3<S> first_moment;       ///< mass x (centre of mass - joint)
-  // Own inertia and bias with contacts, then with everything outboard added (articulated).
-  core::Symmetric3<S> own_j, own_m, j, m;
-  core::Matrix3<S> own_h, h;
-  core::Vector3<S> own_n, own_f, n, f;  ///< bias moment and force
+  // Own inertia and bias with contacts, to which a pass adds everything outboard (articulated).
+  core::Symmetric3<S> j, m;
+  core::Matrix3<S> h;
+  core::Vector3<S> n, f;  ///< bias moment and force
   core::Vector3<S> bias_angular, bias_linear;
   core::Symmetric3<S> d_inverse;
   core::Vector3<S> u_j, u_f;  ///< hinge: columns J a and H^T a
@@ -128,14 +128,14 @@ template <class S>
     const MovingBody& b = model.bodies[i];
     BodyWork<S>& k = w.bodies[i];
     const S mass(static_cast<T>(b.mass));
-    k.own_j = k.inertia;
-    k.own_m = core::Symmetric3<S>::scalar(mass);
-    k.own_h = core::Matrix3<S>::skew(k.first_moment);
-    k.own_n = cross(k.angular, k.inertia * k.angular);
-    k.own_n.x += gravity * k.first_moment.y;
-    k.own_n.y -= gravity * k.first_moment.x;
-    k.own_f = cross(k.angular, cross(k.angular, k.first_moment));
-    k.own_f.z += gravity * mass;
+    k.j = k.inertia;
+    k.m = core::Symmetric3<S>::scalar(mass);
+    k.h = core::Matrix3<S>::skew(k.first_moment);
+    k.n = cross(k.angular, k.inertia * k.angular);
+    k.n.x += gravity * k.first_moment.y;
+    k.n.y -= gravity * k.first_moment.x;
+    k.f = cross(k.angular, cross(k.angular, k.first_moment));
+    k.f.z += gravity * mass;
     if (b.type != body::JointType::free) {
       if (b.parent >= 0) {
         const BodyWork<S>& parent = w.bodies[static_cast<std::size_t>(b.parent)];
@@ -151,20 +151,14 @@ template <class S>
 
 /// One backward and one forward pass of the articulated-body algorithm: accelerations of every body and joint from the own
 /// inertias and biases, the joints' torques and the inertia that implicit torques add. A joint's torque is
-/// motor + stop - (motor_inertia + stop_inertia + armature) x joint acceleration.
+/// motor + stop - (motor_inertia + stop_inertia + armature) x joint acceleration. Outboard inertias are added in place, so
+/// own ones must be loaded again before another pass.
 template <class S>
 [[gnu::always_inline]] inline void articulated_body(const Model& model, DynamicsWork<S>& w) {
   using core::Matrix3;
   using core::Symmetric3;
   using core::Vector3;
   using T = core::Element<S>;
-  for (auto& k : w.bodies) {
-    k.j = k.own_j;
-    k.m = k.own_m;
-    k.h = k.own_h;
-    k.n = k.own_n;
-    k.f = k.own_f;
-  }
   for (std::size_t i = model.bodies.size(); i-- > 0;) {
     const MovingBody& b = model.bodies[i];
     BodyWork<S>& k = w.bodies[i];

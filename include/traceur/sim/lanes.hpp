@@ -124,8 +124,7 @@ class Lanes {
     find_contacts();
     if (pushed_) add_pushes();
     prepare_joints();
-    articulated_body(*model_, work_);
-    hold_torque_limits();
+    solve();
 
     const Vector3 center = work_.center_of_mass;
     Vector3 force = Vector3::zero(), moment = Vector3::zero();
@@ -194,19 +193,19 @@ class Lanes {
                   mz = cross(x, Vector3{m.xz, m.yz, m.zz});
     const core::Matrix3<S> xm{mx.x, my.x, mz.x, mx.y, my.y, mz.y, mx.z, my.z, mz.z};
     const Vector3 qx = cross(xm.row_x(), x), qy = cross(xm.row_y(), x), qz = cross(xm.row_z(), x);
-    k.own_j -= core::Symmetric3<S>{qx.x, qy.y, qz.z, qx.y, qx.z, qy.z};
-    k.own_h += xm;
-    k.own_m += m;
+    k.j -= core::Symmetric3<S>{qx.x, qy.y, qz.z, qx.y, qx.z, qy.z};
+    k.h += xm;
+    k.m += m;
     const Vector3 f = w.linear.force - w.linear.resistance * (w.velocity + dt * w.centripetal);
-    k.own_f -= f;
-    k.own_n -= cross(x, f);
+    k.f -= f;
+    k.n -= cross(x, f);
   }
 
   [[gnu::always_inline]] void add_pushes() {
     for (std::size_t i = 0; i < push_force_.size(); ++i) {
       BodyWork<S>& k = work_.bodies[i];
-      k.own_f -= push_force_[i];
-      k.own_n -= cross(k.rotation * push_arm_[i], push_force_[i]);
+      k.f -= push_force_[i];
+      k.n -= cross(k.rotation * push_arm_[i], push_force_[i]);
     }
   }
 
@@ -274,10 +273,18 @@ class Lanes {
     }
   }
 
-  /// Repeats the dynamics with constant torques where a motor came out beyond its limit: first those motors and their
+  /// The dynamics, repeated with constant torques where a motor came out beyond its limit: first those motors and their
   /// near-saturated company, then every motor of a lane that still has one beyond, which settles it.
-  [[gnu::always_inline]] void hold_torque_limits() {
+  [[gnu::always_inline]] void solve() {
     for (int pass = 0;; ++pass) {
+      if (pass > 0) {
+        // The pass before has added outboard inertias to inboard ones.
+        load_inertias(*model_, constant(parameters_->gravity), work_);
+        for (std::size_t c = 0; c < contacts_.size(); ++c)
+          if (contacts_[c].active) add_contact(contacts_[c], work_.bodies[static_cast<std::size_t>(model_->contacts[c].body)]);
+        if (pushed_) add_pushes();
+      }
+      articulated_body(*model_, work_);
       LaneMask beyond = none();
       for (std::size_t i = 0; i < model_->bodies.size(); ++i) {
         const MovingBody& b = model_->bodies[i];
@@ -299,7 +306,6 @@ class Lanes {
         k.motor = select(fix, shrink * k.torque, k.motor);
         k.motor_inertia = select(fix, constant(0), k.motor_inertia);
       }
-      articulated_body(*model_, work_);
     }
   }
 

@@ -4,10 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 #include "traceur/core/rotation.hpp"
 #include "traceur/io/detail/text.hpp"
@@ -22,8 +23,10 @@ inline Json parse_json(std::string_view text, std::string_view where, int first_
     return Json::parse(text.begin(), text.end());
   } catch (const Json::parse_error& e) {
     const std::size_t at = std::min(e.byte == 0 ? 0 : e.byte - 1, text.size());
-    const auto line = first_line + static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
-    if (at >= text.size()) fail(where, line, "not JSON: expected more, found the end of the text; is the file truncated?");
+    const auto line =
+        first_line + static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
+    if (at >= text.size())
+      fail(where, line, "not JSON: expected more, found the end of the text; is the file truncated?");
     fail(where, line, "not JSON: did not expect " + shown(text.substr(at, 20)));
   } catch (const Json::exception&) {
     throw Error(std::string(where) + ": not JSON: a number is too large");
@@ -76,7 +79,8 @@ inline core::Quaternion<double> checked_unit(const core::Quaternion<double>& q, 
 /// A unit quaternion given as x y z w.
 inline core::Quaternion<double> to_quaternion(const Json& value, const std::string& where) {
   const Json::array_t& a = to_array(value, 4, where);
-  return checked_unit({to_number(a[0], where), to_number(a[1], where), to_number(a[2], where), to_number(a[3], where)}, where);
+  return checked_unit({to_number(a[0], where), to_number(a[1], where), to_number(a[2], where), to_number(a[3], where)},
+                      where);
 }
 
 }  // namespace traceur::io::detail

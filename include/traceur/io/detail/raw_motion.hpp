@@ -33,11 +33,13 @@ struct RawMotion {
   std::string name;
   std::vector<RawJoint> joints;
   std::size_t frames = 0;
-  double dt = 0;                               ///< s
-  std::vector<Vector3<double>> root;           ///< root position of each frame
-  std::vector<Quaternion<double>> rotations;   ///< frame-major: rotation of each joint seen from its parent
+  double dt = 0;                              ///< s
+  std::vector<Vector3<double>> root;          ///< root position of each frame
+  std::vector<Quaternion<double>> rotations;  ///< frame-major: rotation of each joint seen from its parent
 
-  const Quaternion<double>& rotation(std::size_t frame, std::size_t joint) const { return rotations[frame * joints.size() + joint]; }
+  const Quaternion<double>& rotation(std::size_t frame, std::size_t joint) const {
+    return rotations[frame * joints.size() + joint];
+  }
 };
 
 /// Where the parts of a human body are in a skeleton; -1 where they were not recognised.
@@ -54,8 +56,12 @@ struct Anatomy {
 /// Name of the joint on the other side, or empty when the name tells no side.
 inline std::vector<std::string> mirrored_names(const std::string& name) {
   std::vector<std::string> out;
-  constexpr std::array<std::array<const char*, 2>, 6> words{
-      {{"left", "right"}, {"Left", "Right"}, {"LEFT", "RIGHT"}, {"right", "left"}, {"Right", "Left"}, {"RIGHT", "LEFT"}}};
+  constexpr std::array<std::array<const char*, 2>, 6> words{{{"left", "right"},
+                                                             {"Left", "Right"},
+                                                             {"LEFT", "RIGHT"},
+                                                             {"right", "left"},
+                                                             {"Right", "Left"},
+                                                             {"RIGHT", "LEFT"}}};
   for (const auto& [from, to] : words)
     if (const std::size_t at = name.find(from); at != std::string::npos)
       out.push_back(std::string(name).replace(at, std::char_traits<char>::length(from), to));
@@ -125,10 +131,12 @@ inline Anatomy find_anatomy(const std::vector<RawJoint>& joints) {
   }
 
   std::vector<double> reach(joints.size(), 0.0);
-  for (int i = 1; i < n; ++i) reach[static_cast<std::size_t>(i)] = reach[static_cast<std::size_t>(at(i).parent)] + length(i);
+  for (int i = 1; i < n; ++i)
+    reach[static_cast<std::size_t>(i)] = reach[static_cast<std::size_t>(at(i).parent)] + length(i);
   int head = -1;
   for (int i = 1; i < n && head < 0; ++i)
-    if (lowered(at(i).name).find("head") != std::string::npos && !of_leg[static_cast<std::size_t>(i)] && length(i) > 0) head = i;
+    if (lowered(at(i).name).find("head") != std::string::npos && !of_leg[static_cast<std::size_t>(i)] && length(i) > 0)
+      head = i;
   if (head >= 0) {
     a.head_top = head;
     for (int i = head + 1; i < n; ++i)
@@ -139,7 +147,9 @@ inline Anatomy find_anatomy(const std::vector<RawJoint>& joints) {
       if (of_leg[static_cast<std::size_t>(i)] || !at(i).fixed || !at(i).name.ends_with("_end")) continue;
       bool sided = false;
       for (int p = i; p > 0; p = at(p).parent) sided = sided || partner(p) >= 0;
-      if (!sided && (a.head_top < 0 || reach[static_cast<std::size_t>(i)] > reach[static_cast<std::size_t>(a.head_top)])) a.head_top = i;
+      if (!sided &&
+          (a.head_top < 0 || reach[static_cast<std::size_t>(i)] > reach[static_cast<std::size_t>(a.head_top)]))
+        a.head_top = i;
     }
   }
   if (a.head_top >= 0) {
@@ -151,29 +161,32 @@ inline Anatomy find_anatomy(const std::vector<RawJoint>& joints) {
 }
 
 /// Leg length, hip joint to ankle, as a share of body height: thigh 0.245 and shank 0.246 of it (Winter, Biomechanics).
-constexpr double leg_share = 0.491;
-constexpr double shortest_person = 1.2, tallest_person = 2.2;  ///< m
+inline constexpr double leg_share = 0.491;
+inline constexpr double shortest_person = 1.2, tallest_person = 2.2;  ///< m
 
 struct Unit {
   double metres;
   const char* name;
 };
-constexpr std::array<Unit, 5> known_units{{{1, "metres"},
-                                           {0.01, "centimetres"},
-                                           {0.001, "millimetres"},
-                                           {0.0254, "inches"},
-                                           {0.0254 / 0.45, "CMU units, 1/0.45 inch"}}};
+inline constexpr std::array<Unit, 5> known_units{{{1, "metres"},
+                                                  {0.01, "centimetres"},
+                                                  {0.001, "millimetres"},
+                                                  {0.0254, "inches"},
+                                                  {0.0254 / 0.45, "CMU units, 1/0.45 inch"}}};
 
 inline bool plausible_unit(const Anatomy& a, double unit) {
   const double height = unit * a.leg / leg_share, trunk = unit * a.trunk;
-  return height >= shortest_person && height <= tallest_person && trunk >= 0.25 * shortest_person && trunk <= 0.65 * tallest_person;
+  return height >= shortest_person && height <= tallest_person && trunk >= 0.25 * shortest_person &&
+         trunk <= 0.65 * tallest_person;
 }
 
 /// The only known unit in which the skeleton is as tall as a person. Throws Error that names the option `unit`.
 inline Unit guess_unit(const Anatomy& a, const std::string& where) {
   const std::string option = "; set the option unit (metres in one unit of the file)";
   if (!a.complete())
-    throw Error(where + ": no length unit given, and no joints named head and left and right foot (or ankle) to tell it from" + option);
+    throw Error(where +
+                ": no length unit given, and no joints named head and left and right foot (or ankle) to tell it from" +
+                option);
   std::optional<Unit> found;
   for (const Unit& u : known_units) {
     if (!plausible_unit(a, u.metres)) continue;
@@ -224,7 +237,8 @@ inline Vector3<double> pelvis_up(const RawMotion& m, const Anatomy& a) {
   if (!a.complete()) return {0, 0, 0};
   const auto from_root = [&](int joint) {
     Vector3<double> p{0, 0, 0};
-    for (int i = joint; i > 0; i = m.joints[static_cast<std::size_t>(i)].parent) p += m.joints[static_cast<std::size_t>(i)].offset;
+    for (int i = joint; i > 0; i = m.joints[static_cast<std::size_t>(i)].parent)
+      p += m.joints[static_cast<std::size_t>(i)].offset;
     return p;
   };
   Vector3<double> hips{0, 0, 0};
@@ -236,13 +250,15 @@ inline Vector3<double> pelvis_left(const RawMotion& m, const Anatomy& a) {
   return m.joints[static_cast<std::size_t>(a.left_hip)].offset - m.joints[static_cast<std::size_t>(a.right_hip)].offset;
 }
 
-constexpr const char* axis_names[] = {"x", "y", "z"};
+inline constexpr const char* axis_names[] = {"x", "y", "z"};
 
 /// y or z, whichever of rest pose and motion speak for. Throws Error that names the option `up` when they disagree.
 inline int guess_up(const RawMotion& m, const Anatomy& a, std::string& reason) {
   const std::string option = "; set the option up (the file's axis away from the ground)";
   if (!a.complete())
-    throw Error(m.where + ": no up axis given, and no joints named head and left and right foot (or ankle) to tell it from" + option);
+    throw Error(m.where +
+                ": no up axis given, and no joints named head and left and right foot (or ankle) to tell it from" +
+                option);
   const auto candidate = [](int axis) { return axis > 0 ? axis : -1; };
   const int rest = candidate(along_axis(pelvis_up(m, a), 0.8));
   std::vector<Vector3<double>> p;
@@ -282,8 +298,8 @@ inline Quaternion<double> from_rows(const Vector3<double>& x, const Vector3<doub
   return Quaternion<double>::from(Eigen::Quaterniond(m));
 }
 
-/// From file axes to house axes. With y up the file's z is forward and its x left, as motion files have it; with z up axes
-/// stay; with x up, y is forward and z left.
+/// From file axes to house axes. With y up the file's z is forward and its x left, as motion files have it; with z up
+/// axes stay; with x up, y is forward and z left.
 inline Quaternion<double> world_turn(int up) {
   const Vector3<double> ex{1, 0, 0}, ey{0, 1, 0}, ez{0, 0, 1};
   return up == 1 ? from_rows(ez, ex, ey) : up == 0 ? from_rows(ey, ez, ex) : Quaternion<double>::identity();
@@ -311,8 +327,8 @@ struct Conversion {
   Anatomy anatomy;
 };
 
-/// Turns a raw motion into a clip: metres, z up, the root's own x forward and z up wherever the pelvis tells them. `report`
-/// already holds unit and up axis; notes are added.
+/// Turns a raw motion into a clip: metres, z up, the root's own x forward and z up wherever the pelvis tells them.
+/// `report` already holds unit and up axis; notes are added.
 inline motion::Clip convert(const RawMotion& m, const Conversion& c, LoadReport& report) {
   const Quaternion<double> world = world_turn(c.up);
   Quaternion<double> local = world;
@@ -380,8 +396,9 @@ inline motion::Clip convert(const RawMotion& m, const Conversion& c, LoadReport&
     };
     const double before = jump(0), after = jump(1);
     if (before > 0.35 && after < 0.1 * before)
-      report.notes.push_back("a joint jumps " + short_number(before) +
-                             " rad after the first frame, which seems to be a rest pose; the option skip_frames = 1 drops it");
+      report.notes.push_back(
+          "a joint jumps " + short_number(before) +
+          " rad after the first frame, which seems to be a rest pose; the option skip_frames = 1 drops it");
   }
   return clip;
 }

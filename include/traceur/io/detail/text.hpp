@@ -18,11 +18,11 @@
 namespace traceur::io::detail {
 
 /// Larger files are refused: no clip is that long, and a wrong path (a device, a disk image) must not fill the memory.
-constexpr std::size_t largest_file = std::size_t{512} << 20;
-constexpr int most_joints = 2000;
-constexpr int deepest_joint = 200;
+inline constexpr std::size_t largest_file = std::size_t{512} << 20;
+inline constexpr int most_joints = 2000;
+inline constexpr int deepest_joint = 200;
 /// Larger numbers are garbage in any motion file and would overflow when multiplied.
-constexpr double largest_number = 1e8;
+inline constexpr double largest_number = 1e8;
 
 [[noreturn]] inline void fail(std::string_view where, int line, const std::string& message) {
   throw Error(std::string(where) + ":" + std::to_string(line) + ": " + message);
@@ -72,7 +72,7 @@ inline std::string lowered(std::string_view s) {
 
 /// Walks over the lines of a text, counting from one.
 class Lines {
- public:
+public:
   explicit Lines(std::string_view text) : rest_(text) {}
   /// The next line without its end and outer blanks; false at the end of the text.
   bool next(std::string_view& line) {
@@ -92,7 +92,7 @@ class Lines {
   int number() const { return number_; }
   std::string_view rest() const { return rest_; }
 
- private:
+private:
   std::string_view rest_;
   int number_ = 0;
 };
@@ -162,11 +162,13 @@ inline std::string short_number(double v) {
 inline void append_number(std::string& out, double value, int digits = 0) {
   char buffer[40];
 #if defined(__cpp_lib_to_chars)
-  const auto result = digits == 0 ? std::to_chars(buffer, buffer + sizeof buffer, value)
-                                  : std::to_chars(buffer, buffer + sizeof buffer, value, std::chars_format::general, digits);
+  const auto result = digits == 0
+                          ? std::to_chars(buffer, buffer + sizeof buffer, value)
+                          : std::to_chars(buffer, buffer + sizeof buffer, value, std::chars_format::general, digits);
   out.append(buffer, result.ptr);
 #else
-  out.append(buffer, static_cast<std::size_t>(std::snprintf(buffer, sizeof buffer, "%.*g", digits == 0 ? 17 : digits, value)));
+  out.append(buffer,
+             static_cast<std::size_t>(std::snprintf(buffer, sizeof buffer, "%.*g", digits == 0 ? 17 : digits, value)));
 #endif
 }
 

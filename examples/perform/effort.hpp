@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "traceur/control/learn_feedback.hpp"
+#include "traceur/control/sampling_control.hpp"
+
+namespace perform {
+
+/// How much is spent on each step. The searches' own defaults are tuned for quality; what is quick is for a first look.
+struct Effort {
+  traceur::control::SamplingParameters sampling;
+  traceur::control::FeedbackLearning learning;
+  double smoothing_s = 0.03;    ///< standard deviation of the Gaussian over the clip before the search
+  double least_search_s = 3.6;  ///< gaits are searched over as many cycles as fill this, at least three
+  int trials = 100;             ///< unseen starts
+  double trial_s = 120;         ///< of a gait
+  int push_trials = 16;         ///< for each direction and impulse, at different moments
+  int push_halvings = 7;        ///< of the interval of impulses
+  double push_most_Ns = 240;
+
+  static Effort of(bool quick) {
+    Effort e;
+    if (!quick) {
+      e.learning.generations = 300;
+      return e;
+    }
+    e.sampling.samples = 768;
+    e.sampling.elites = 96;
+    e.sampling.rounds = 6;
+    e.learning.population = 16;
+    e.learning.starts = 8;
+    e.learning.generations = 24;
+    e.learning.last_seconds = 8;
+    e.learning.validation_episodes = 16;
+    e.trial_s = 20;
+    e.push_trials = 8;
+    e.push_halvings = 5;
+    return e;
+  }
+};
+
+}  // namespace perform

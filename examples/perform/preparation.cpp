@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: MIT
+#include "preparation.hpp"
+
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <sstream>
+
+#include "traceur/io/load_clip.hpp"
+#include "traceur/io/mjcf.hpp"
+#include "traceur/io/terrain_file.hpp"
+#include "traceur/motion/loop.hpp"
+#include "traceur/motion/retarget.hpp"
+#include "traceur/motion/scaling.hpp"
+#include "traceur/motion/smooth.hpp"
+
+namespace perform {
+
+using namespace traceur;
+using core::Quaternion;
+using core::Vector3;
+
+namespace {
+
+constexpr double tick = 1.0 / 60;
+
+std::string read_file(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  if (!in || !(text << in.rdbuf())) throw Error(path.string() + ": cannot be read");
+  return text.str();
+}
+
+double travel(const motion::Clip& c) { return (c.poses.col(c.keys() - 1).head(2) - c.poses.col(0).head(2)).norm(); }
+
+double turn(const motion::Clip& c) {
+  const auto heading = [&](int k) { return core::heading(Quaternion<double>::from(c.poses.col(k).data() + 3)); };
+  return core::twist_angle(heading(c.keys() - 1) * heading(0).conjugate(), Vector3<double>{0, 0, 1});
+}
+
+bool upright(const motion::Clip& c) {
+  for (int k = 0; k < c.keys(); ++k)
+    if (Quaternion<double>::from(c.poses.col(k).data() + 3).rotate(Vector3<double>{0, 0, 1}).z < 0.5) return false;
+  return true;
+}
+
+/// Mean distance of joints from their places half a cycle later, seen in a mirror; both in the frame below the root. m.
+double half_cycle_misfit(const motion::Clip& c, const motion::Mirror& mirror) {
+  const body::Skeleton& s = c.skeleton;
+  body::Frames<double> a(s), b(s);
+  double sum = 0;
+  constexpr int samples = 20;
+  for (int i = 0; i < samples; ++i) {
+    const double phi = 0.5 * c.duration() * i / samples;
+    Eigen::VectorXd here = c.sample(phi), there = mirror.pose(c.sample(phi + 0.5 * c.duration()));
+    for (Eigen::VectorXd* q : {&here, &there}) motion::ground_frame(*q).inverse().apply_root(*q);
+    body::forward_kinematics(s, here.data(), a);
+    body::forward_kinematics(s, there.data(), b);
+    for (std::size_t k = 0; k < a.position.size(); ++k) sum += norm(a.position[k] - b.position[k]);
+  }
+  return sum / (samples * s.size());
+}
+
+/// What can be taken for one cycle of the clip: all of it if the file says so, else the best interval if its ends match.
+std::optional<motion::Clip> cycle_in(const motion::Clip& clip, std::vector<std::string>& notes) {
+  if (clip.cyclic) return clip;
+  motion::CycleSearch search;
+  search.longest = 2.0;
+  const auto found = motion::find_cycle(clip, search);
+  if (!found) return std::nullopt;
+  const motion::CycleLimits limits;
+  const motion::CycleMisfit& m = found->misfit;
+  if (m.position_m > limits.position_m || m.velocity_m_s > limits.velocity_m_s || m.joint_rad > limits.joint_rad || m.tilt_rad > limits.tilt_rad)
+    return std::nullopt;
+  char text[120];
+  std::snprintf(text, sizeof text, "a cycle from %.3f to %.3f s, its ends %.3f m apart", found->start, found->end, m.position_m);
+  notes.emplace_back(text);
+  return motion::cut(clip, found->start, found->end);
+}
+
+/// A gait gets on: it travels, upright, in cycles of a step's length in time.
+bool is_gait(const motion::Clip& cycle) {
+  return travel(cycle) > 0.4 && upright(cycle) && cycle.duration() >= 0.4 && cycle.duration() <= 2.0;
+}
+
+void finish(Motion& m, const motion::Clip& clip, double seconds, const Scene& scene, const Effort& effort) {
+  const auto points = control::tracked_points(scene.model, scene.roles);
+  m.clip = clip;
+  m.measured = control::make_reference(scene.model, scene.roles, points, clip, seconds, tick);
+  m.reference = control::make_reference(scene.model, scene.roles, points, motion::smooth(clip, effort.smoothing_s), seconds, tick);
+}
+
+Motion once(motion::Clip clip, const Scene& scene, const Effort& effort) {
+  Motion m;
+  m.name = "open_loop";
+  clip.cyclic = false;
+  finish(m, clip, clip.duration(), scene, effort);
+  double root = 0, joints = 0;
+  for (int t = 0; t <= std::min(6, m.reference.ticks); ++t) {
+    root = std::max(root, m.reference.velocities.col(t).head(3).norm());
+    joints = std::max(joints, m.reference.velocities.col(t).tail(scene.model.nv - 6).cwiseAbs().maxCoeff());
+  }
+  m.stands_first = root < 0.3 && joints < 1.5;
+  return m;
+}
+
+Motion gait(const motion::Clip& cycle, const std::string& name, const Scene& scene, const Effort& effort, std::vector<std::string>& notes) {
+  Motion m;
+  m.name = name;
+  m.cyclic = true;
+  const motion::Mirror mirror(scene.model.character.skeleton);
+  const double misfit = half_cycle_misfit(cycle, mirror);
+  m.mirrored = misfit < 0.12 && std::abs(turn(cycle)) < 0.35;
+  char text[160];
+  std::snprintf(text, sizeof text, "halves of the cycle %.3f m from each other's mirror image: %s", misfit,
+                m.mirrored ? "made symmetric" : "kept apart");
+  notes.emplace_back(text);
+  motion::Clip clip = m.mirrored ? motion::symmetrize_gait(cycle, mirror, motion::GaitHalf::first) : motion::close_cycle(cycle);
+  const int parts = m.mirrored ? 2 : 1;
+  m.period_ticks = std::max(12, static_cast<int>(std::lround(clip.duration() / parts / tick)));
+  clip = motion::scale_duration(clip, m.period_ticks * parts * tick / clip.duration());
+  const int windows = std::max(1, static_cast<int>(std::lround(m.period_ticks / 6.0)));
+  for (int i = 0; i < windows; ++i) m.window_starts.push_back(static_cast<int>(std::lround(i * m.period_ticks / static_cast<double>(windows))));
+  finish(m, clip, clip.duration() * std::max(3, static_cast<int>(std::ceil(effort.least_search_s / clip.duration()))), scene, effort);
+  return m;
+}
+
+nlohmann::ordered_json retarget_json(const motion::RetargetReport& r) {
+  return {{"rotations_copied", r.direct},
+          {"scale", r.scale},
+          {"ground_offset_m", r.ground_offset},
+          {"foot_slide_before_m_s", r.foot_slide_before},
+          {"foot_slide_after_m_s", r.foot_slide_after},
+          {"foot_drift_after_m", r.foot_drift_after},
+          {"penetration_before_m", r.penetration_before},
+          {"penetration_after_m", r.penetration_after},
+          {"direction_error_rad", r.direction_error},
+          {"direction_error_max_rad", r.direction_error_max},
+          {"limits_clipped", r.limits_clipped},
+          {"limits_excess_rad", r.limits_excess},
+          {"contact_share", r.contact_share},
+          {"iterations", r.iterations},
+          {"unmapped", r.unmapped},
+          {"notes", r.notes}};
+}
+
+}  // namespace
+
+Scene load_scene(const Options& o) {
+  Scene s;
+  s.model = sim::make_model(io::read_mjcf(o.character));
+  s.roles = control::find_roles(s.model);
+  s.character_text = read_file(o.character);
+  if (!o.terrain.empty()) s.terrain = io::read_terrain(o.terrain);
+  return s;
+}
+
+Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
+  Preparation out;
+  io::LoadOptions load;
+  load.skeleton = o.skeleton;
+  load.unit = o.unit;
+  load.fps = o.fps;
+  if (o.up != "detect") load.up = o.up == "x" ? io::UpAxis::x : o.up == "y" ? io::UpAxis::y : io::UpAxis::z;
+  motion::RetargetOptions options;
+  if (!o.joint_map.empty()) options.joints = motion::parse_joint_names(read_file(o.joint_map), o.joint_map.string());
+  const io::LoadedClip loaded = io::load_clip(o.clip, load);
+  out.loaded = loaded.report;
+  std::printf("%s", loaded.report.text().c_str());
+  if (loaded.terrain && !scene.terrain) {
+    const io::TerrainHeights& t = *loaded.terrain;
+    scene.terrain.emplace(t.heights, t.dx, t.min_point.x() - 0.5 * t.dx, t.min_point.y() - 0.5 * t.dx, o.clip.string() + ": terrain");
+  }
+  // A clip on terrain belongs where it is.
+  options.align = !scene.terrain;
+  options.flat_ground = !scene.terrain || scene.terrain->is_flat();
+  const motion::Retargeted on_character = motion::retarget(loaded.clip, scene.model.character, options);
+  out.retarget = retarget_json(on_character.report);
+  out.clip = on_character.clip;
+  std::printf("on '%s': %s", scene.model.character.name.c_str(), on_character.report.text().c_str());
+  if (out.clip.contacts.cols() == out.clip.keys()) out.flight = motion::check_flight(out.clip, scene.model.character);
+
+  const bool level = !scene.terrain || scene.terrain->is_flat();
+  std::optional<motion::Clip> cycle;
+  if (o.motion != "once" && level) cycle = cycle_in(out.clip, out.notes);
+  if (o.motion == "cyclic" && !cycle)
+    throw Error(o.clip.string() + ": --motion cyclic: " + (level ? "no part of the clip ends as it begins" : "expected level ground"));
+  if (o.motion == "auto" && cycle && !is_gait(*cycle)) {
+    out.notes.emplace_back("not a gait (one travels more than 0.4 m in a cycle of 0.4 to 2 s, upright): done once");
+    cycle.reset();
+  }
+  if (!cycle || !out.clip.cyclic) out.motions.push_back(once(out.clip, scene, effort));
+  if (cycle) out.motions.push_back(gait(*cycle, out.motions.empty() ? "open_loop" : "cycle", scene, effort, out.notes));
+  for (const std::string& note : out.notes) std::printf("motion: %s\n", note.c_str());
+  return out;
+}
+
+std::string digest(const Scene& scene, const Preparation& p) {
+  std::uint64_t h = 0xcbf29ce484222325u;  // FNV-1a
+  const auto add = [&](const void* data, std::size_t bytes) {
+    const auto* c = static_cast<const unsigned char*>(data);
+    for (std::size_t i = 0; i < bytes; ++i) h = (h ^ c[i]) * 0x100000001b3u;
+  };
+  const auto add_matrix = [&](const Eigen::MatrixXd& m) { add(m.data(), static_cast<std::size_t>(m.size()) * sizeof(double)); };
+  add(scene.character_text.data(), scene.character_text.size());
+  if (scene.terrain) add_matrix(scene.terrain->heights());
+  for (const Motion& m : p.motions) {
+    add_matrix(m.reference.poses);
+    add_matrix(m.reference.velocities);
+  }
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(h));
+  return text;
+}
+
+}  // namespace perform
