@@ -2,12 +2,9 @@
 // The bundled simulator beside MuJoCo: the same humanoid file, standing on a plane and waving its arms and trunk, 480
 // steps a second, new targets 30 times a second, time in CPU seconds of one thread.
 //
-// Both follow the targets with the gains in the file: MuJoCo as passive springs, whose damping its Euler integrator treats
-// implicitly. Bodies touch the floor only, not each other, and MuJoCo's friction and solver settings are its defaults, so
-// it is asked for no more than we do. Both sides must stay upright all the time or the run fails.
-#include <mujoco/mujoco.h>
-#include <time.h>
-
+// Both follow the targets with the gains in the file: MuJoCo as passive springs, whose damping its Euler integrator
+// treats implicitly. Bodies touch the floor only, not each other, and MuJoCo's friction and solver settings are its
+// defaults, so it is asked for no more than we do. Both sides must stay upright all the time or the run fails.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -17,6 +14,9 @@
 #include <memory>
 #include <string>
 #include <vector>
+
+#include <mujoco/mujoco.h>
+#include <time.h>
 
 #include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>
@@ -54,7 +54,7 @@ Eigen::VectorXd standing(const traceur::body::Skeleton& s) {
 
 /// Targets at a time: both arms swing, the trunk twists, one cycle in two seconds.
 class Wave {
- public:
+public:
   explicit Wave(const traceur::body::Skeleton& s) : rest_(standing(s)) {
     for (const char* joint : {"abdomen", "left_shoulder", "right_shoulder"}) at_.push_back(s[s.find(joint)].q_index);
   }
@@ -67,14 +67,14 @@ class Wave {
   }
   const Eigen::VectorXd& rest() const { return rest_; }
 
- private:
+private:
   Eigen::VectorXd rest_;
   std::vector<int> at_;
 };
 
 /// One side of the comparison: runs on from where it is and tells its steps (times lanes) per CPU second.
 class Side {
- public:
+public:
   explicit Side(std::string name) : name_(std::move(name)) {}
   virtual ~Side() = default;
 
@@ -91,17 +91,17 @@ class Side {
   const std::string& name() const { return name_; }
   bool fallen() const { return fallen_; }
 
- protected:
+protected:
   virtual double advance() = 0;
   bool fallen_ = false;
 
- private:
+private:
   std::string name_;
   std::vector<double> rates_;
 };
 
 class MuJoCo : public Side {
- public:
+public:
   MuJoCo(std::string name, const std::string& path, const traceur::body::Skeleton& s, bool pgs)
       : Side(std::move(name)), wave_(s), skeleton_(s), q_(wave_.rest()) {
     char error[1000] = "";
@@ -125,7 +125,7 @@ class MuJoCo : public Side {
     write(q_, data_->qpos, true);
   }
 
- protected:
+protected:
   double advance() override {
     constexpr int targets = 300;
     for (int n = 0; n < targets; ++n) {
@@ -137,7 +137,7 @@ class MuJoCo : public Side {
     return targets * steps_per_target;
   }
 
- private:
+private:
   struct Place {
     const traceur::body::Joint* joint;
     int at;
@@ -170,13 +170,17 @@ class MuJoCo : public Side {
 
 template <class S>
 class Ours : public Side {
- public:
+public:
   Ours(std::string name, const traceur::body::Character& character, int lanes, int targets)
-      : Side(std::move(name)), wave_(character.skeleton), world_(character, lanes, parameters()), q_(wave_.rest()), targets_(targets) {
+      : Side(std::move(name)),
+        wave_(character.skeleton),
+        world_(character, lanes, parameters()),
+        q_(wave_.rest()),
+        targets_(targets) {
     for (int l = 0; l < lanes; ++l) world_.reset(l, q_, Eigen::VectorXd::Zero(character.skeleton.nv()));
   }
 
- protected:
+protected:
   double advance() override {
     for (int n = 0; n < targets_; ++n) {
       for (int l = 0; l < world_.lanes(); ++l) {
@@ -185,12 +189,13 @@ class Ours : public Side {
       }
       world_.step(steps_per_target);
       time_ += steps_per_target * dt;
-      for (int l = 0; l < world_.lanes(); ++l) fallen_ = fallen_ || world_.failed(l) || !(world_.body_position(l, 0).z > upright);
+      for (int l = 0; l < world_.lanes(); ++l)
+        fallen_ = fallen_ || world_.failed(l) || !(world_.body_position(l, 0).z > upright);
     }
     return static_cast<double>(targets_) * steps_per_target * world_.lanes();
   }
 
- private:
+private:
   static traceur::sim::Parameters parameters() {
     traceur::sim::Parameters p;
     p.dt = dt;
@@ -219,7 +224,8 @@ int run(const std::string& path) {
   for (int r = 0; r < rounds; ++r)
     for (auto& side : sides) side->round();
   bool fell = false;
-  std::printf("humanoid of %d bodies, waving upright, thousand steps per CPU second (median of %d)\n", humanoid.skeleton.size(), rounds);
+  std::printf("humanoid of %d bodies, waving upright, thousand steps per CPU second (median of %d)\n",
+              humanoid.skeleton.size(), rounds);
   for (const auto& side : sides) {
     std::printf("  %-32s %9.1f%s\n", side->name().c_str(), side->rate() / 1000, side->fallen() ? "  FELL" : "");
     fell = fell || side->fallen();

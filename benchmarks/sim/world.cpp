@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
-// Steps of the humanoid per second, all lanes counted, 1/480 s each: in flight, standing, and lying after a fall with its
-// limbs in motion. `steps` is the rate to compare; it counts CPU time of one thread.
-#include <traceur/sim/world.hpp>
-
+// Steps of the humanoid per second, all lanes counted, 1/480 s each: in flight, standing, and lying after a fall with
+// its limbs in motion. `steps` is the rate to compare; it counts CPU time of one thread.
 #include <filesystem>
 
 #include <benchmark/benchmark.h>
 
 #include <traceur/core/random.hpp>
 #include <traceur/io/mjcf.hpp>
+#include <traceur/sim/world.hpp>
 
 namespace {
 
@@ -48,7 +47,8 @@ void world(benchmark::State& state) {
     }
     w.step(steps);
   }
-  state.counters["steps"] = benchmark::Counter(static_cast<double>(state.iterations()) * steps * lanes, benchmark::Counter::kIsRate);
+  state.counters["steps"] =
+      benchmark::Counter(static_cast<double>(state.iterations()) * steps * lanes, benchmark::Counter::kIsRate);
 }
 
 using Wide = traceur::core::Pack<float>;

@@ -24,12 +24,12 @@ struct Effort {
       e.learning.generations = 300;
       return e;
     }
-    e.sampling.samples = 768;
-    e.sampling.elites = 96;
-    e.sampling.rounds = 6;
-    e.learning.population = 16;
+    e.sampling.samples = 1024;
+    e.sampling.elites = 128;
+    e.sampling.rounds = 8;
+    e.learning.population = 24;
     e.learning.starts = 8;
-    e.learning.generations = 24;
+    e.learning.generations = 60;
     e.learning.last_seconds = 8;
     e.learning.validation_episodes = 16;
     e.trial_s = 20;

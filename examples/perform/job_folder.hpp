@@ -7,6 +7,7 @@
 #include <string>
 
 #include "traceur/control/learn_feedback.hpp"
+#include "traceur/control/sampling_control.hpp"
 
 namespace perform {
 

@@ -26,7 +26,7 @@ fs::path default_character() {
   return program.parent_path().parent_path() / "share" / "traceur" / inside;
 }
 
-fs::path absolute(const fs::path& path) { return path.empty() ? path : fs::absolute(path).lexically_normal(); }
+fs::path absolute_path(const fs::path& path) { return path.empty() ? path : fs::absolute(path).lexically_normal(); }
 
 /// What the job in the folder was begun with, in place of what this command line leaves open.
 void take_over(Options& o, const Json& begun, const CLI::App& app) {
@@ -123,7 +123,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   }
   o.resume = !resume.empty();
   for (fs::path* p : {&o.clip, &o.character, &o.terrain, &o.skeleton, &o.joint_map, &o.controller, &o.out, &o.report, &resume})
-    *p = absolute(*p);
+    *p = absolute_path(*p);
   if (o.character.empty()) o.character = default_character();
   if (o.resume) {
     if (app.count("--out") > 0 && o.out != resume) throw traceur::Error("--resume: results go to the same folder, leave out --out");

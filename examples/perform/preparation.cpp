@@ -95,12 +95,6 @@ Motion once(motion::Clip clip, const Scene& scene, const Effort& effort) {
   m.name = "open_loop";
   clip.cyclic = false;
   finish(m, clip, clip.duration(), scene, effort);
-  double root = 0, joints = 0;
-  for (int t = 0; t <= std::min(6, m.reference.ticks); ++t) {
-    root = std::max(root, m.reference.velocities.col(t).head(3).norm());
-    joints = std::max(joints, m.reference.velocities.col(t).tail(scene.model.nv - 6).cwiseAbs().maxCoeff());
-  }
-  m.stands_first = root < 0.3 && joints < 1.5;
   return m;
 }
 

@@ -33,7 +33,6 @@ struct Motion {
   std::vector<int> window_starts;                       ///< of a gait, see SamplingParameters
   int period_ticks = 0;                                 ///< of a gait, of half a period when mirrored
   bool mirrored = false;                                ///< the second half is the mirror image of the first
-  bool stands_first = false;                            ///< begins at rest
 };
 
 /// All that is known before anything is simulated.

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/body/character.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/body/character.hpp>
 
 using namespace body_test;
 
@@ -38,7 +37,8 @@ Inertia by_cells(const Shape& s, double density, const Vector& reach) {
         const Vector p{(i + 0.5) * cell.x - reach.x, (j + 0.5) * cell.y - reach.y, (k + 0.5) * cell.z - reach.z};
         if (!inside(s, p)) continue;
         sum.mass += m;
-        sum.about_center += traceur::core::Symmetric3<double>::scalar(m * squared_norm(p)) - traceur::core::Symmetric3<double>::outer(m, p);
+        sum.about_center += traceur::core::Symmetric3<double>::scalar(m * squared_norm(p)) -
+                            traceur::core::Symmetric3<double>::outer(m, p);
       }
   return sum;
 }
@@ -60,7 +60,8 @@ Shape shape(Shape::Kind kind, const Vector& size) {
 }
 
 double off(const Inertia& a, const Inertia& b) {
-  return std::abs(a.mass - b.mass) + norm(a.center - b.center) + (a.about_center.full().eigen() - b.about_center.full().eigen()).norm();
+  return std::abs(a.mass - b.mass) + norm(a.center - b.center) +
+         (a.about_center.full().eigen() - b.about_center.full().eigen()).norm();
 }
 
 }  // namespace
@@ -80,7 +81,8 @@ TEST_CASE("character: a capsule of no length is a sphere") {
 TEST_CASE("character: parts combined are the whole, in any frame") {
   // A box cut in two across x.
   const Inertia whole = solid(shape(Shape::Kind::box, {0.4, 0.2, 0.3}), 900);
-  const Inertia left = solid(shape(Shape::Kind::box, {0.1, 0.2, 0.3}), 900), right = solid(shape(Shape::Kind::box, {0.3, 0.2, 0.3}), 900);
+  const Inertia left = solid(shape(Shape::Kind::box, {0.1, 0.2, 0.3}), 900),
+                right = solid(shape(Shape::Kind::box, {0.3, 0.2, 0.3}), 900);
   const auto one = Quaternion<double>::identity();
   const Inertia sum = combined(transformed(left, {-0.3, 0, 0}, one), transformed(right, {0.1, 0, 0}, one));
   CHECK(off(sum, whole) < 1e-12);
@@ -92,7 +94,8 @@ TEST_CASE("character: parts combined are the whole, in any frame") {
     const Inertia a = transformed(left, random_vector(random, 1), random_rotation(random));
     const Inertia b = transformed(right, random_vector(random, 1), random_rotation(random));
     CHECK(off(combined(a, b), combined(b, a)) < 1e-12);
-    CHECK(off(transformed(combined(a, b), place, turn), combined(transformed(a, place, turn), transformed(b, place, turn))) < 1e-10);
+    CHECK(off(transformed(combined(a, b), place, turn),
+              combined(transformed(a, place, turn), transformed(b, place, turn))) < 1e-10);
     CHECK(off(transformed(transformed(a, place, turn), turn.conjugate().rotate(-place), turn.conjugate()), a) < 1e-11);
     CHECK(off(combined(a, Inertia{}), a) < 1e-13);
   }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 // The code of docs/body.md.
+#include <doctest/doctest.h>
+
 #include <traceur/body/momentum.hpp>
 #include <traceur/body/pose.hpp>
-
-#include <doctest/doctest.h>
 
 using namespace traceur::body;
 

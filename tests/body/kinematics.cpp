@@ -1,18 +1,15 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/body/kinematics.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <type_traits>
 #include <vector>
 
 #include <Eigen/Geometry>
-
-#include <traceur/body/pose.hpp>
+#include <doctest/doctest.h>
 
 #include "../core/support.hpp"
 #include "support.hpp"
+#include <traceur/body/kinematics.hpp>
+#include <traceur/body/pose.hpp>
 
 using namespace body_test;
 
@@ -39,9 +36,11 @@ TEST_CASE("kinematics: a planar arm of two hinges is the textbook's") {
   forward_kinematics(s, q, f);
   forward_velocities(s, f, v, t);
   const double a = q[0], b = q[0] + q[1];
-  CHECK(norm(f.position[3] - Vector{0.7 * std::cos(a) + 0.4 * std::cos(b), 0.7 * std::sin(a) + 0.4 * std::sin(b), 0}) < 1e-15);
+  CHECK(norm(f.position[3] - Vector{0.7 * std::cos(a) + 0.4 * std::cos(b), 0.7 * std::sin(a) + 0.4 * std::sin(b), 0}) <
+        1e-15);
   CHECK(norm(t.angular[3] - Vector{0, 0, 5}) < 1e-15);
-  CHECK(norm(t.linear[3] - Vector{-0.7 * std::sin(a) * 2 - 0.4 * std::sin(b) * 5, 0.7 * std::cos(a) * 2 + 0.4 * std::cos(b) * 5, 0}) < 1e-14);
+  CHECK(norm(t.linear[3] - Vector{-0.7 * std::sin(a) * 2 - 0.4 * std::sin(b) * 5,
+                                  0.7 * std::cos(a) * 2 + 0.4 * std::cos(b) * 5, 0}) < 1e-14);
 }
 
 TEST_CASE("kinematics: frames are the product of homogeneous transforms") {

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/body/pose.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <string>
 #include <type_traits>
 #include <vector>
 
+#include <doctest/doctest.h>
+
 #include "../core/support.hpp"
 #include "support.hpp"
+#include <traceur/body/pose.hpp>
 
 using namespace body_test;
 
@@ -125,7 +124,8 @@ TEST_CASE("pose: a plain pose displaced by dual numbers carries their derivative
   using Jet = ceres::Jet<double, 1>;
   const Skeleton s = creature().skeleton;
   RandomStream random(7);
-  const Eigen::VectorXd q = random_pose(s, random), d = random_tangent(s, random, 0.5), along = random_tangent(s, random, 1);
+  const Eigen::VectorXd q = random_pose(s, random), d = random_tangent(s, random, 0.5),
+                        along = random_tangent(s, random, 1);
   std::vector<Jet> dual, out(static_cast<std::size_t>(s.nq()));
   for (Eigen::Index i = 0; i < d.size(); ++i) {
     dual.emplace_back(d[i]);
@@ -134,7 +134,8 @@ TEST_CASE("pose: a plain pose displaced by dual numbers carries their derivative
   displace(s, q.data(), dual.data(), out.data());
   const double h = 1e-6;
   const Eigen::VectorXd slope = (displaced(s, q, d + h * along) - displaced(s, q, d - h * along)) / (2 * h);
-  for (Eigen::Index i = 0; i < slope.size(); ++i) CHECK(std::abs(out[static_cast<std::size_t>(i)].v[0] - slope[i]) < 1e-8);
+  for (Eigen::Index i = 0; i < slope.size(); ++i)
+    CHECK(std::abs(out[static_cast<std::size_t>(i)].v[0] - slope[i]) < 1e-8);
 }
 #endif
 

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/body/skeleton.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <limits>
 #include <string>
 #include <utility>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/body/skeleton.hpp>
 
 using namespace body_test;
 
@@ -84,7 +83,8 @@ TEST_CASE("skeleton: a joint that does not fit is refused by name") {
   j.rest = {0, 0, 0, 0.9};
   refused(j);
   // The root.
-  for (const auto& [type, parent] : {std::pair{JointType::hinge, -1}, std::pair{JointType::ball, -1}, std::pair{JointType::free, 0}}) {
+  for (const auto& [type, parent] :
+       {std::pair{JointType::hinge, -1}, std::pair{JointType::ball, -1}, std::pair{JointType::free, 0}}) {
     Joint root;
     root.type = type;
     root.parent = parent;

@@ -83,7 +83,8 @@ inline double apart(const Skeleton& s, const Eigen::VectorXd& a, const Eigen::Ve
   double worst = 0;
   for (const Joint& j : s.joints()) {
     const int n = position_size(j.type);
-    if (n == 1 || n == 7) worst = std::max(worst, (a.segment(j.q_index, n == 7 ? 3 : 1) - b.segment(j.q_index, n == 7 ? 3 : 1)).norm());
+    if (n == 1 || n == 7)
+      worst = std::max(worst, (a.segment(j.q_index, n == 7 ? 3 : 1) - b.segment(j.q_index, n == 7 ? 3 : 1)).norm());
     if (n < 4) continue;
     const auto x = a.segment(j.q_index + n - 4, 4), y = b.segment(j.q_index + n - 4, 4);
     worst = std::max(worst, std::min((x - y).norm(), (x + y).norm()));

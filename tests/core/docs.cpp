@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 // The code of docs/core.md.
-#include <traceur/core/pack.hpp>
-#include <traceur/core/rotation.hpp>
+#include <cmath>
 
 #include <doctest/doctest.h>
 
-#include <cmath>
+#include <traceur/core/pack.hpp>
+#include <traceur/core/rotation.hpp>
 
 using namespace traceur::core;
 

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/matrix3.hpp>
-
+#include <Eigen/Geometry>
 #include <doctest/doctest.h>
 
-#include <Eigen/Geometry>
-
 #include "support.hpp"
+#include <traceur/core/matrix3.hpp>
 
 namespace {
 

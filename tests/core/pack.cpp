@@ -1,8 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/pack.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,7 +6,10 @@
 #include <type_traits>
 #include <utility>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/core/pack.hpp>
 
 #define PACKS Pack<float>, Pack<double>, Pack<float, 4>, Pack<double, 2>, Pack<float, 8>, Pack<float, 1>, Pack<float, 2>
 
@@ -46,8 +45,10 @@ std::array<double, 2> sin_cos_error(double range) {
     const auto sc = sin_cos(x);
     for (int l = 0; l < P::width; ++l) {
       const long double exact = static_cast<long double>(x[l]);
-      worst_sin = std::max(worst_sin, std::abs(static_cast<double>(std::sin(exact) - static_cast<long double>(T(sc.sin[l])))));
-      worst_cos = std::max(worst_cos, std::abs(static_cast<double>(std::cos(exact) - static_cast<long double>(T(sc.cos[l])))));
+      worst_sin =
+          std::max(worst_sin, std::abs(static_cast<double>(std::sin(exact) - static_cast<long double>(T(sc.sin[l])))));
+      worst_cos =
+          std::max(worst_cos, std::abs(static_cast<double>(std::cos(exact) - static_cast<long double>(T(sc.cos[l])))));
     }
   }
   return {worst_sin, worst_cos};
@@ -68,7 +69,7 @@ TEST_CASE_TEMPLATE("pack: arithmetic, comparison and functions are those of ever
     chain *= b;
     chain -= a;
     chain /= b;
-    const auto lt = a < b, le = a <= b, gt = a > b, ge = a >= b, eq = a == b, ne = a != b;
+    const auto lt = a<b, le = a <= b, gt = a> b, ge = a >= b, eq = a == b, ne = a != b;
     const P e = exp(a), lg = log(b), at = atan2(a, b), fl = floor(a), rounded = round(a);
     bool some = false, every = true;
     for (int l = 0; l < P::width; ++l) {
@@ -157,6 +158,7 @@ TEST_CASE("pack: sine and cosine keep their bounds") {
 }
 
 TEST_CASE("pack: rounding is to even") {
-  for (const auto& [x, expected] : {std::pair{0.5f, 0.0f}, {1.5f, 2.0f}, {2.5f, 2.0f}, {-0.5f, 0.0f}, {-1.5f, -2.0f}, {4194303.0f, 4194303.0f}})
+  for (const auto& [x, expected] :
+       {std::pair{0.5f, 0.0f}, {1.5f, 2.0f}, {2.5f, 2.0f}, {-0.5f, 0.0f}, {-1.5f, -2.0f}, {4194303.0f, 4194303.0f}})
     CHECK(round(Pack<float, 4>(x))[3] == expected);
 }

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/rotation.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/core/rotation.hpp>
 
 namespace {
 
@@ -16,7 +15,8 @@ constexpr double pi = std::numbers::pi;
 
 template <class S>
 Vector3<S> vector(RandomStream& random, double size) {
-  return {law::any_of<S>(random, -size, size), law::any_of<S>(random, -size, size), law::any_of<S>(random, -size, size)};
+  return {law::any_of<S>(random, -size, size), law::any_of<S>(random, -size, size),
+          law::any_of<S>(random, -size, size)};
 }
 template <class S>
 Quaternion<S> rotation(RandomStream& random) {
@@ -149,7 +149,8 @@ TEST_CASE_TEMPLATE("about_axis, twist_angle", S, TRACEUR_TEST_SCALARS) {
     Vector3<S> across = cross(axis, Vector3<S>{S(0.0), S(0.6), S(0.8)});
     across = (S(1.0) / norm(across)) * across;
     const S half_twist = S(0.5) * angle;
-    CHECK(worst(S(twist_angle(about_axis(across, S(1.0)) * about_axis(axis, half_twist), axis) - half_twist)) < 100 * tolerance<S>());
+    CHECK(worst(S(twist_angle(about_axis(across, S(1.0)) * about_axis(axis, half_twist), axis) - half_twist)) <
+          100 * tolerance<S>());
   }
 }
 
@@ -173,7 +174,8 @@ TEST_CASE_TEMPLATE("heading: turns x to where it points, and nothing else", S, T
   const double e = 20 * tolerance<S>();
   const Vector3<S> z{S(0.0), S(0.0), S(1.0)};
   for (int trial = 0; trial < 50; ++trial) {
-    const S yaw = law::any_of<S>(random, -3, 3), pitch = law::any_of<S>(random, -1.4, 1.4), roll = law::any_of<S>(random, -3, 3);
+    const S yaw = law::any_of<S>(random, -3, 3), pitch = law::any_of<S>(random, -1.4, 1.4),
+            roll = law::any_of<S>(random, -3, 3);
     const Vector3<S> y{S(0.0), S(1.0), S(0.0)}, x{S(1.0), S(0.0), S(0.0)};
     const auto q = about_axis(z, yaw) * about_axis(y, pitch) * about_axis(x, roll);
     CHECK(apart(heading(q), about_axis(z, yaw)) < e);

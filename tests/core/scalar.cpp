@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/scalar.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <string>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/core/scalar.hpp>
 
 namespace near_miss {
 

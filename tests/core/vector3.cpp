@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/core/vector3.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/core/vector3.hpp>
 
 namespace {
 
@@ -41,7 +40,8 @@ TEST_CASE_TEMPLATE("vector: laws of dot and cross", S, TRACEUR_TEST_SCALARS) {
     CHECK(worst(dot(a, cross(a, b))) < tolerance);
     CHECK(worst(cross(a, cross(b, c)) - (dot(a, c) * b - dot(a, b) * c)) < tolerance);
     CHECK(worst(S(dot(cross(a, b), c) - dot(a, cross(b, c)))) < tolerance);
-    CHECK(worst(S(squared_norm(cross(a, b)) + dot(a, b) * dot(a, b) - squared_norm(a) * squared_norm(b))) < 10 * tolerance);
+    CHECK(worst(S(squared_norm(cross(a, b)) + dot(a, b) * dot(a, b) - squared_norm(a) * squared_norm(b))) <
+          10 * tolerance);
     CHECK(worst(S(norm(a) * norm(a) - squared_norm(a))) < tolerance);
     CHECK(worst(s * (a + b) - (s * a + b * s)) < tolerance);
     auto d = a;

@@ -353,16 +353,27 @@ TEST_SUITE("retarget") {
     for (int k = 0; k < r.clip.keys(); ++k) CHECK(norm(place(r.clip, k, "left_foot") - first) < 0.003);
   }
 
+  TEST_CASE("a foot that turns on the spot is not held") {
+    // One turn a second about the left ankle: heel and toe go round, at first slowly.
+    const auto spin = [](const std::string& joint, double time) { return joint == "Hips" ? about(ez, time * time) : Quat::identity(); };
+    const Clip c = animate(t_pose(), spin, 2.5, 76);
+    const Retargeted r = retarget(c, humanoid(), in_place());
+    CHECK(degrees(r.report.direction_error_max) < 12);
+    CHECK(degrees(angle(core::heading(turn(r.clip, 75, "left_foot")), about(ez, 6.25))) < 10);
+    CHECK(degrees(angle(core::heading(turn(r.clip, 75, "pelvis")), about(ez, 6.25))) < 10);
+  }
+
   TEST_CASE("hands that reach below the ground are lifted out of it") {
     // Bent over so far that, with our proportions, the hands would go through the floor.
     const Clip c = animate(t_pose(), [](const std::string& joint, double time) {
       const double u = 0.5 - 0.5 * std::cos(pi * time);
       const double y = joint.starts_with("Left") ? 1 : -1;
-      if (joint.ends_with("UpLeg")) return about(ey, -1.6 * u);
-      if (joint.ends_with("Leg")) return about(ey, 2.0 * u + 0.01);
-      if (joint.ends_with("Foot")) return about(ey, -0.4 * u - 0.01);
-      if (joint.ends_with("Arm") && !joint.ends_with("ForeArm")) return about(ey, -1.3 * u) * about(ex, -1.5 * y);
-      if (joint == "Spine") return about(ey, 1.3 * u);
+      if (joint == "Hips") return about(ey, 0.9 * u);
+      if (joint.ends_with("UpLeg")) return about(ey, -2.4 * u);
+      if (joint.ends_with("Leg")) return about(ey, 2.4 * u + 0.01);
+      if (joint.ends_with("Foot")) return about(ey, -0.9 * u - 0.01);
+      if (joint == "Spine") return about(ey, 0.6 * u);
+      if (joint.ends_with("Arm") && !joint.ends_with("ForeArm")) return about(ey, -1.5 * u) * about(ex, -1.5 * y);
       return Quat::identity();
     });
     const Retargeted r = retarget(c, humanoid(), in_place());

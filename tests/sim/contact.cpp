@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/sim/contact.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
+#include <doctest/doctest.h>
+
 #include <traceur/core/random.hpp>
+#include <traceur/sim/contact.hpp>
 
 namespace {
 
@@ -125,7 +124,9 @@ TEST_CASE("contact: without friction nothing holds sideways") {
 
 TEST_CASE("contact: the resistance is symmetric and never drives") {
   RandomStream random(71);
-  const auto draw = [&](double size) { return Vector{size * random.normal(), size * random.normal(), size * random.normal()}; };
+  const auto draw = [&](double size) {
+    return Vector{size * random.normal(), size * random.normal(), size * random.normal()};
+  };
   const Parameters p;
   for (int trial = 0; trial < 500; ++trial) {
     Vector n = draw(1);

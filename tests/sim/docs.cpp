@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 // The code of docs/sim.md.
-#include <traceur/io/mjcf.hpp>
-#include <traceur/sim/world.hpp>
+#include <cmath>
 
 #include <doctest/doctest.h>
 
-#include <cmath>
+#include <traceur/io/mjcf.hpp>
+#include <traceur/sim/world.hpp>
 
 using namespace traceur;
 
@@ -22,10 +22,10 @@ TEST_CASE("docs/sim.md") {
 
   Eigen::VectorXd target = q;
   target[humanoid.skeleton[humanoid.skeleton.find("left_elbow")].q_index] = 1.0;
-  world.set_target(3, target);                // the others keep the pose they were put in
-  world.push(5, 0, {200, 0, 0});              // N on the root's body, during the next call of step
+  world.set_target(3, target);    // the others keep the pose they were put in
+  world.push(5, 0, {200, 0, 0});  // N on the root's body, during the next call of step
   core::ThreadExecutor threads(2);
-  world.step(16, threads);                    // a thirtieth of a second
+  world.step(16, threads);  // a thirtieth of a second
   const Eigen::VectorXd reached = world.pose(3);
 
   CHECK(reached[humanoid.skeleton[humanoid.skeleton.find("left_elbow")].q_index] > 0.1);

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/sim/dynamics.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/sim/dynamics.hpp>
 
 namespace {
 
@@ -80,7 +79,8 @@ double pendulum_error(double dt) {
   for (int n = 0; n < steps; ++n) {
     world.step(1);
     for (int f = 0; f < fine; ++f) {
-      const auto k1 = rate(x), k2 = rate(along(x, h / 2, k1)), k3 = rate(along(x, h / 2, k2)), k4 = rate(along(x, h, k3));
+      const auto k1 = rate(x), k2 = rate(along(x, h / 2, k1)), k3 = rate(along(x, h / 2, k2)),
+                 k4 = rate(along(x, h, k3));
       for (std::size_t i = 0; i < 4; ++i) x[i] += h / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i]);
     }
     const Eigen::VectorXd q = world.pose(0);
@@ -98,8 +98,9 @@ void check_pendulum(double tolerance) {
   for (int trial = 0; trial < 100; ++trial) {
     std::array<double, 6> x{};
     for (double& value : x) value = random.uniform(-3.0, 3.0);
-    std::array<S, 2> q{S(static_cast<T>(x[0])), S(static_cast<T>(x[1]))}, v{S(static_cast<T>(x[2])), S(static_cast<T>(x[3]))},
-        tau{S(static_cast<T>(x[4])), S(static_cast<T>(x[5]))}, out{};
+    std::array<S, 2> q{S(static_cast<T>(x[0])), S(static_cast<T>(x[1]))},
+        v{S(static_cast<T>(x[2])), S(static_cast<T>(x[3]))}, tau{S(static_cast<T>(x[4])), S(static_cast<T>(x[5]))},
+        out{};
     traceur::sim::forward_dynamics(model, q.data(), v.data(), tau.data(), S(static_cast<T>(gravity)), work, out.data());
     const auto expected = pendulum_acceleration(x[0], x[1], x[2], x[3], x[4], x[5]);
     const double scale = 1 + std::abs(expected[0]) + std::abs(expected[1]);

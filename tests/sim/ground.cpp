@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/sim/ground.hpp>
-
-#include <doctest/doctest.h>
-
 #include <cmath>
 #include <limits>
 #include <memory>
 
+#include <doctest/doctest.h>
+
 #include <traceur/core/random.hpp>
+#include <traceur/sim/ground.hpp>
 
 using traceur::Error;
 using traceur::core::Pack;
@@ -66,8 +65,10 @@ TEST_CASE("ground: a terrain is sampled alike in every scalar and outlives its m
       const Vector3<double> point{p.x[l], p.y[l], p.z[l]};
       const auto s = exact.sample(point);
       CHECK(s.distance == traceur::terrain::signed_distance(copy, point));
-      if (std::abs(s.distance) < reach) CHECK(packs.distance[l] == doctest::Approx(s.distance).epsilon(1e-4));
-      else CHECK((packs.distance[l] > reach || s.distance < 0));
+      if (std::abs(s.distance) < reach)
+        CHECK(packs.distance[l] == doctest::Approx(s.distance).epsilon(1e-4));
+      else
+        CHECK((packs.distance[l] > reach || s.distance < 0));
     }
     CHECK(std::isnan(packs.distance[5]));
     CHECK(!(packs.distance[6] < 0));

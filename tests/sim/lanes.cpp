@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: MIT
 // What lanes promise each other: independence to the bit, exact save and restore, no allocation, survival.
-#include <traceur/sim/lanes.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -12,7 +8,10 @@
 #include <new>
 #include <vector>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/sim/lanes.hpp>
 
 namespace {
 std::atomic<long> allocations{0};
@@ -27,7 +26,9 @@ void* counted(std::size_t size, std::size_t alignment) {
 }  // namespace
 
 void* operator new(std::size_t size) { return counted(size, alignof(std::max_align_t)); }
-void* operator new(std::size_t size, std::align_val_t alignment) { return counted(size, static_cast<std::size_t>(alignment)); }
+void* operator new(std::size_t size, std::align_val_t alignment) {
+  return counted(size, static_cast<std::size_t>(alignment));
+}
 void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
@@ -49,7 +50,8 @@ std::vector<traceur::core::Element<S>> state_of(const World<S>& world, int lane)
   return state;
 }
 
-/// Lane `lane` falls onto the ground from a pose of its own and follows targets of its own, which are a function of `who`.
+/// Lane `lane` falls onto the ground from a pose of its own and follows targets of its own, which are a function of
+/// `who`.
 template <class S>
 void start(World<S>& world, int lane, std::uint64_t who) {
   RandomStream random(31, who);
@@ -151,7 +153,8 @@ TEST_CASE("save and restore continue to the same bits, in contact and in any lan
   direct(world, from, 7, 0);
   const auto middle = state_of(world, from);
   double touching = 0;
-  for (std::size_t b = 0; b < world.model().bodies.size(); ++b) touching += norm(world.contact_force(from, static_cast<int>(b)));
+  for (std::size_t b = 0; b < world.model().bodies.size(); ++b)
+    touching += norm(world.contact_force(from, static_cast<int>(b)));
   CHECK(touching > 10);
   world.step(100);
   const auto end = state_of(world, from);
@@ -251,8 +254,8 @@ TEST_CASE("float stays close to double for a quarter of a second") {
   const double flight = difference_from_double<float>(false), stand = difference_from_double<float>(true);
   const double flight_pack = difference_from_double<Wide>(false), stand_pack = difference_from_double<Wide>(true);
   const double exact = difference_from_double<Pack<double, 4>>(false);
-  MESSAGE("after 0.25 s from double: float " << flight << " (flight) " << stand << " (standing), pack " << flight_pack << " "
-                                             << stand_pack << ", pack of double " << exact);
+  MESSAGE("after 0.25 s from double: float " << flight << " (flight) " << stand << " (standing), pack " << flight_pack
+                                             << " " << stand_pack << ", pack of double " << exact);
   CHECK(flight < 2e-5);
   CHECK(flight_pack < 2e-5);
   CHECK(stand < 2e-5);
@@ -339,8 +342,9 @@ TEST_CASE("dropped in any pose the humanoid comes to rest on the ground") {
     REQUIRE(!world.failed(l));
     fastest = std::max(fastest, world.velocity(l).cwiseAbs().maxCoeff());
     for (const auto& s : world.model().contacts) {
-      const Vector at = world.body_position(l, s.body).template cast<double>() +
-                        Vector::from((world.body_rotation(l, s.body).eigen().template cast<double>() * s.center.eigen()).eval());
+      const Vector at =
+          world.body_position(l, s.body).template cast<double>() +
+          Vector::from((world.body_rotation(l, s.body).eigen().template cast<double>() * s.center.eigen()).eval());
       deepest = std::max(deepest, s.radius - at.z);
     }
   }

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include <traceur/sim/model.hpp>
+#include <string>
 
 #include <doctest/doctest.h>
 
-#include <string>
-
 #include "support.hpp"
+#include <traceur/sim/model.hpp>
 
 namespace {
 
@@ -127,8 +126,10 @@ TEST_CASE("model: contact spheres lie in their shapes and within reach") {
       } else {
         CHECK(std::hypot(local.x, local.y) < 1e-12);
         CHECK(sphere.radius == shape.size.x);
-        if (shape.kind == traceur::body::Shape::Kind::capsule) CHECK(std::abs(local.z) == doctest::Approx(shape.size.y));
-        else CHECK(std::abs(local.z) < 1e-12);
+        if (shape.kind == traceur::body::Shape::Kind::capsule)
+          CHECK(std::abs(local.z) == doctest::Approx(shape.size.y));
+        else
+          CHECK(std::abs(local.z) < 1e-12);
       }
     }
   }

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: MIT
 // MuJoCo's forward dynamics as an independent reference for ours, on the same file.
-#include <traceur/sim/dynamics.hpp>
-
-#include <doctest/doctest.h>
-#include <mujoco/mujoco.h>
-
 #include <algorithm>
 #include <memory>
 #include <string>
 
+#include <doctest/doctest.h>
+#include <mujoco/mujoco.h>
+
 #include "support.hpp"
+#include <traceur/sim/dynamics.hpp>
 
 namespace {
 
@@ -63,8 +62,10 @@ double worst_difference(const traceur::body::Character& c, const std::string& pa
         // MuJoCo's angular velocity of a free body is in the body's axes.
         scene::Quaternion::from(qj + 3).conjugate().rotate(scene::Vector::from(vj + 3)).store(qvel + 3);
       } else {
-        if (j.type == traceur::body::JointType::ball) to_wxyz(qj, qpos);
-        else qpos[0] = qj[0];
+        if (j.type == traceur::body::JointType::ball)
+          to_wxyz(qj, qpos);
+        else
+          qpos[0] = qj[0];
         std::copy_n(vj, velocity_size(j.type), qvel);
         std::copy_n(tau.data() + j.v_index, velocity_size(j.type), applied);
       }
@@ -76,7 +77,9 @@ double worst_difference(const traceur::body::Character& c, const std::string& pa
       const double* qacc = d->qacc + m->jnt_dofadr[joint];
       std::copy_n(qacc, velocity_size(j.type), theirs.data() + j.v_index);
       if (j.type == traceur::body::JointType::free)
-        scene::Quaternion::from(q.data() + j.q_index + 3).rotate(scene::Vector::from(qacc + 3)).store(theirs.data() + 3);
+        scene::Quaternion::from(q.data() + j.q_index + 3)
+            .rotate(scene::Vector::from(qacc + 3))
+            .store(theirs.data() + 3);
     }
     traceur::sim::forward_dynamics(model, q.data(), v.data(), tau.data(), gravity, work, ours.data());
     REQUIRE(theirs.allFinite());

@@ -95,7 +95,8 @@ inline Character box(const Vector& half, double mass) {
 }
 
 /// Momenta of a character at (q, v), computed by the body module and not by the simulator.
-inline traceur::body::Momentum<double> momentum_of(const Character& c, const Eigen::VectorXd& q, const Eigen::VectorXd& v) {
+inline traceur::body::Momentum<double> momentum_of(const Character& c, const Eigen::VectorXd& q,
+                                                   const Eigen::VectorXd& v) {
   traceur::body::Frames<double> frames(c.skeleton);
   traceur::body::Twists<double> twists(c.skeleton);
   forward_kinematics(c.skeleton, q.data(), frames);

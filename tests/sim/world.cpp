@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: MIT
 // The laws of mechanics that a simulated character obeys, in double precision unless a case says otherwise.
-#include <traceur/sim/world.hpp>
-
-#include <doctest/doctest.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,7 +7,10 @@
 #include <string>
 #include <vector>
 
+#include <doctest/doctest.h>
+
 #include "support.hpp"
+#include <traceur/sim/world.hpp>
 
 namespace {
 
@@ -54,7 +53,8 @@ void check_flight(const Character& c, bool move_targets) {
     const Vector center = start.center_of_mass + t * start.velocity() - Vector{0, 0, 0.5 * 9.81 * t * (t + dt)};
     path = std::max(path, norm(now.center_of_mass - center));
   }
-  MESSAGE("flight: linear momentum off by " << linear << " kg m/s, angular by " << angular << " of itself, path by " << path << " m");
+  MESSAGE("flight: linear momentum off by " << linear << " kg m/s, angular by " << angular << " of itself, path by "
+                                            << path << " m");
   CHECK(linear < 1e-10);
   CHECK(angular < 1e-3);
   CHECK(path < 1e-10);
@@ -195,8 +195,9 @@ TEST_CASE("the humanoid stands") {
   world.reset(0, scene::standing_pose(), scene::at_rest());
   world.step(960);
   const auto& model = world.model();
-  const int feet[2] = {model.moving_of_joint[static_cast<std::size_t>(scene::humanoid().skeleton.find_body("left_foot"))],
-                       model.moving_of_joint[static_cast<std::size_t>(scene::humanoid().skeleton.find_body("right_foot"))]};
+  const int feet[2] = {
+      model.moving_of_joint[static_cast<std::size_t>(scene::humanoid().skeleton.find_body("left_foot"))],
+      model.moving_of_joint[static_cast<std::size_t>(scene::humanoid().skeleton.find_body("right_foot"))]};
   Vector start[2] = {world.body_position(0, feet[0]), world.body_position(0, feet[1])};
   double drift = 0;
   for (int n = 0; n < 480; ++n) {

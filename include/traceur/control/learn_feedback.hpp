@@ -15,7 +15,7 @@ struct FeedbackLearning {
   int starts = 16;              ///< episodes of each candidate, new each generation, shared by the population
   double sigma = 0.15;          ///< first standard deviation of the law's numbers
   int generations = 120;        ///< in all
-  int patience = 40;            ///< generations at full difficulty without a better validation before it ends
+  int patience = 100;           ///< generations at full difficulty without a better validation before it ends
   // Cyclic motions: length and perturbation grow whenever the mean's cost is below `advance`.
   double first_seconds = 4;
   double last_seconds = 20;
@@ -54,10 +54,10 @@ inline double episode_cost(const EpisodeResult& r, double whole_seconds, bool cy
   return std::isfinite(cost) ? cost : 100.0;
 }
 
-/// Learns the law of a controller by CMA-ES, starting from the law it has, and returns the law that did best in validation. The mean of each
-/// generation is evaluated as one more candidate, since the best of a noisy generation is mostly luck. Deterministic for a
-/// seed on any executor. `progress(state, cma)` is told after every generation; returning false stops. To resume, pass the
-/// state and optimizer it was last given.
+/// Learns the law of a controller by CMA-ES, starting from the law it has, and returns the law that did best in validation.
+/// The mean of each generation is evaluated as one more candidate, since the best of a noisy generation is mostly luck.
+/// Deterministic for a seed on any executor. `progress(state, cma)` is told after every generation; returning false stops.
+/// To resume, pass the state and optimizer it was last given. Throws Error on settings out of range.
 template <class S, core::Executor E>
 FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Controller& controller, const FeedbackLearning& p, E& executor,
                                 const std::function<bool(const FeedbackProgress&, const optimize::CmaEs&)>& progress = {},
@@ -65,8 +65,9 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
   constexpr int width = core::lane_count<S>;
   const int n = controller.shape.size();
   if (n < 2) throw Error("feedback learning: expected a law with parameters");
-  if (p.population < 4 || p.starts < 1 || p.generations < 1)
-    throw Error("feedback learning: population, starts and generations must be positive (population at least 4)");
+  if (p.population < 4 || p.starts < 1 || p.generations < 1 || p.validation_episodes < 1 || p.validate_every < 1)
+    throw Error("feedback learning: population, starts, generations, validation_episodes and validate_every must be positive "
+                "(population at least 4)");
   optimize::CmaEsParameters cp;
   cp.population = p.population;
   cp.sigma = p.sigma;

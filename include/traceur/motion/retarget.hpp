@@ -29,6 +29,8 @@ struct ContactThresholds {
   double begin_speed = 0.5;    ///< m/s
   double end_speed = 0.8;      ///< m/s
   double shortest = 0.05;      ///< s; shorter contacts are dropped and shorter gaps closed
+  double creep = 0.06;         ///< m; a contact that moves further than this is kept
+  double creep_speed = 0.15;   ///< only where it is slower than this, m/s
 };
 
 /// Standard deviations by which the solve divides its residuals: the smaller, the more it counts.
@@ -40,7 +42,7 @@ struct RetargetWeights {
   double twist = 0.2;           ///< orientation of thighs and upper arms, rad
   double ankle = 0.03;          ///< place of the ankles, m
   double contact = 0.0001;      ///< a sole point in contact, from its place, m
-  double ground = 0.001;        ///< depth of any shape below ground, m
+  double ground = 0.0005;       ///< depth of any shape below ground, m
   double limit = 0.003;         ///< joint angles beyond their range, rad
   double change = 0.5;          ///< all joint angles, from the first guess, rad or m
   double acceleration = 10.0;   ///< of the correction, rad/s^2; a tenth of it for the root's place, m/s^2
@@ -55,7 +57,7 @@ struct RetargetOptions {
   /// Whether the source moves on a plane. If not, heights are kept but for the scale, feet are held where they rest, at
   /// whatever height, and nothing is kept above ground: for stairs, slopes, and clips that come with terrain.
   bool flat_ground = true;
-  int iterations = 30;      ///< of the solver, at most; 0 leaves the first guess
+  int iterations = 20;      ///< of the solver, at most; 0 leaves the first guess
   ContactThresholds contact;
   RetargetWeights weights;
 };
@@ -304,6 +306,16 @@ inline FootContacts find_contacts(const TargetBody& target, const Eigen::VectorX
           for (std::size_t i = k; flip && i < end; ++i) on[i] = static_cast<char>(1 - value);
           k = end;
         }
+      // What creeps along in contact, such as a foot turned on the spot, is no contact but where it rests.
+      for (std::size_t k = 0; k < n;) {
+        std::size_t end = k;
+        while (end < n && on[end] == on[k]) ++end;
+        double spread = 0;
+        for (std::size_t i = k; on[k] != 0 && i < end; ++i) spread = std::max(spread, norm(p[i] - p[k]));
+        for (std::size_t i = k; spread > limits.creep && i < end; ++i)
+          if (v[i] > limits.creep_speed) on[i] = 0;
+        k = end;
+      }
       // A fast step between two slow ones parts two contacts.
       for (std::size_t k = 1; k < n; ++k)
         if (on[k - 1] != 0 && on[k] != 0 && speed(k - 1, k) > limits.end_speed) on[k - 1] = 0;

@@ -14,7 +14,7 @@ namespace traceur::sim {
 /// Where the ground is, seen from a point.
 template <class S>
 struct GroundSample {
-  S distance;                ///< signed distance to the surface, m; negative below it
+  S distance;               ///< signed distance to the surface, m; negative below it
   core::Vector3<S> normal;  ///< unit gradient of the distance, pointing out of the ground
 };
 
@@ -22,15 +22,15 @@ struct GroundSample {
 /// terrain's memory.
 template <class T>
 class Ground {
- public:
+public:
   Ground() = default;
 
   /// A terrain of square columns, taken as it is now.
   Ground(const terrain::HeightGrid& grid)
       : level_(false), highest_(grid.table<T>().highest), grid_(std::make_shared<const terrain::HeightGrid>(grid)) {}
 
-  /// The half space normal . p < offset (m). Gravity stays along -z, so a tilted plane is a slope. Throws Error unless the
-  /// normal is a unit vector and the offset finite.
+  /// The half space normal . p < offset (m). Gravity stays along -z, so a tilted plane is a slope. Throws Error unless
+  /// the normal is a unit vector and the offset finite.
   static Ground plane(const core::Vector3<double>& normal, double offset) {
     if (!(std::abs(norm(normal) - 1) < 1e-9)) throw Error("ground: plane: expected a unit normal");
     if (!std::isfinite(offset)) throw Error("ground: plane: expected a finite offset");
@@ -47,8 +47,8 @@ class Ground {
   /// The terrain, or null on a plane.
   const terrain::HeightGrid* grid() const { return grid_.get(); }
 
-  /// Distances are exact up to `reach` (m); beyond it a terrain may answer any larger number. A point that is not a number
-  /// has a distance that is not one.
+  /// Distances are exact up to `reach` (m); beyond it a terrain may answer any larger number. A point that is not a
+  /// number has a distance that is not one.
   template <class S>
   [[gnu::always_inline]] GroundSample<S> sample(const core::Vector3<S>& point,
                                                 T reach = std::numeric_limits<T>::infinity()) const {
@@ -58,7 +58,7 @@ class Ground {
     return {dot(normal, point) - S(offset_), normal};
   }
 
- private:
+private:
   // Apart from sample, so that a step on level ground is not burdened with the code for terrain.
   template <class S>
   [[gnu::noinline]] GroundSample<S> on_grid(const core::Vector3<S>& point, T reach) const noexcept {

@@ -70,7 +70,8 @@ class Lanes {
     pushed_ = true;
   }
 
-  /// Whether the lane met a number that is not finite since it was last reset; such a lane is frozen.
+  /// Whether the lane met a number that is not finite since it was last reset. Such a lane was put at rest into the neutral
+  /// pose and goes on from there; what it does means nothing until it is reset.
   bool failed(int lane) const { return core::mask_lane(failed_, lane); }
   void clear_failed(int lane) { set_mask(failed_, lane, false); }
 

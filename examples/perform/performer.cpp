@@ -1,0 +1,368 @@
+// SPDX-License-Identifier: MIT
+#include "performer.hpp"
+
+#include "progress.hpp"
+#include "traceur/control/make_controller.hpp"
+
+namespace perform {
+
+using namespace traceur;
+using core::Quaternion;
+using core::Vector3;
+using Lane = core::Pack<float>;
+using Runners = std::vector<control::EpisodeRunner<Lane>>;
+
+namespace {
+
+constexpr int ticks_per_second = 60;
+constexpr double push_s = 0.1;
+
+// Streams of random starts. Learning uses 999 and those from 1000 on.
+constexpr std::uint64_t trial_stream = 900, push_stream = 901, record_stream = 902;
+
+Runners make_runners(const core::ThreadExecutor& executor, const sim::Model& model, const sim::Parameters& simulation,
+                     const sim::Ground<float>& ground, const control::TrackingCost& cost) {
+  Runners out;
+  out.reserve(static_cast<std::size_t>(executor.concurrency()));
+  for (int i = 0; i < executor.concurrency(); ++i) out.emplace_back(model, simulation, ground, cost);
+  return out;
+}
+
+Vector3<double> lane_vector(const Vector3<Lane>& v, int lane) {
+  return {core::lane_of(v.x, lane), core::lane_of(v.y, lane), core::lane_of(v.z, lane)};
+}
+
+/// A cyclic reference goes on from cycle to cycle; one of a motion done once stays in its last pose.
+Eigen::VectorXd reference_pose(const control::Controller& c, int tick) {
+  const int n = c.ticks();
+  if (!c.cyclic) return c.reference.poses.col(std::min(tick, n));
+  const control::CycleCarry carry = control::CycleCarry::after(c.reference, tick / n);
+  Eigen::VectorXd q = c.reference.poses.col(tick % n);
+  carry.apply(Vector3<double>::from(q.data())).store(q.data());
+  (core::about_axis(Vector3<double>{0, 0, 1}, carry.turn) * Quaternion<double>::from(q.data() + 3)).store(q.data() + 3);
+  return q;
+}
+
+}  // namespace
+
+Performer::Performer(const Scene& scene, const Options& options, const Effort& effort)
+    : scene_(scene),
+      options_(options),
+      effort_(effort),
+      folder_(options.out),
+      ground_(scene.ground()),
+      cost_(scene.model, scene.roles, control::tracked_points(scene.model, scene.roles)),
+      executor_(options.threads) {
+  simulation_.dt = 1.0 / options.dt_hz;
+}
+
+control::SamplingParameters Performer::sampling(const Motion& motion) const {
+  control::SamplingParameters p = effort_.sampling;
+  p.seed = options_.seed;
+  p.steps_per_tick = options_.dt_hz / ticks_per_second;
+  p.period_starts = motion.window_starts;
+  p.period_ticks = motion.period_ticks;
+  p.mirrored = motion.mirrored;
+  return p;
+}
+
+SavedSearch Performer::search(const Motion& motion) {
+  if (auto saved = folder_.load_search(motion.name)) {
+    if (saved->result.targets.cols() != motion.reference.ticks || saved->result.targets.rows() != scene_.model.nq)
+      throw Error((options_.out / "state" / (motion.name + ".json")).string() + ": belongs to another motion");
+    std::printf("%s: taken from the job's state\n", motion.name.c_str());
+    return *saved;
+  }
+  const Clock clock;
+  const control::SamplingParameters p = sampling(motion);
+  ProgressLine line(motion.cyclic ? "search for a cycle's targets, round" : "search for targets, round", 0, p.rounds);
+  SavedSearch out;
+  out.result = control::sample_control<Lane>(scene_.model, simulation_, ground_, cost_, motion.reference, p, executor_, [&](int round, double cost) {
+    char text[64];
+    std::snprintf(text, sizeof text, "cost %.4g", cost);
+    line.tell(round + 1, text);
+    return !interruption_asked();
+  });
+  // An interrupted search has no state of its own: it is soon repeated, and its result would differ.
+  if (interruption_asked()) throw Interrupted{};
+  out.wall_s = clock.seconds();
+  folder_.save(motion.name, out);
+  return out;
+}
+
+OpenLoopResult Performer::judge(const Motion& motion, const SavedSearch& search) const {
+  OpenLoopResult out;
+  out.wall_s = search.wall_s;
+  out.simulated_s = search.result.simulated_seconds;
+  control::TrackingReference simulated;
+  simulated.poses = search.result.poses;
+  simulated.velocities = search.result.velocities;
+  control::measure_reference(scene_.model, scene_.roles, cost_.points(), simulated);
+  const control::FallLimits limits;
+  const Eigen::Index points = simulated.points.rows() / 3;
+  for (int t = 1; t <= simulated.ticks; ++t) {
+    const auto up = [&](const Eigen::MatrixXd& poses) { return Quaternion<double>::from(poses.col(t).data() + 3).rotate(Vector3<double>{0, 0, 1}); };
+    const Eigen::Vector3d shift = simulated.poses.col(t).head(3) - motion.measured.poses.col(t).head(3);
+    double here = 0;
+    for (Eigen::Index i = 0; i < points; ++i) {
+      const Eigen::Vector3d d = simulated.points.col(t).segment(3 * i, 3) - motion.measured.points.col(t).segment(3 * i, 3);
+      here += d.norm() / static_cast<double>(points);
+      out.mean_local_error_m += (d - shift).norm() / static_cast<double>(points * simulated.ticks);
+    }
+    out.mean_joint_error_m += here / simulated.ticks;
+    out.worst_tick_error_m = std::max(out.worst_tick_error_m, here);
+    out.fell = out.fell || shift.z() < -limits.drop || dot(up(simulated.poses), up(motion.measured.poses)) < std::cos(limits.tilt);
+  }
+  return out;
+}
+
+control::Perturbation Performer::perturbation(const control::Controller& c) const {
+  control::Perturbation p;
+  if (c.cyclic) return p;
+  // A clip that begins standing has little momentum to make up for a push at its start.
+  double root = 0, joints = 0;
+  for (int t = 0; t <= std::min(6, c.ticks()); ++t) {
+    root = std::max(root, c.reference.velocities.col(t).head(3).norm());
+    joints = std::max(joints, c.reference.velocities.col(t).tail(scene_.model.nv - 6).cwiseAbs().maxCoeff());
+  }
+  if (root < 0.3 && joints < 1.5) p.root_velocity = 0.1;
+  return p;
+}
+
+Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
+  const Clock clock;
+  Learned out;
+  const control::SamplingParameters p = sampling(motion);
+  control::FeedbackShape shape;
+  shape.phases = motion.cyclic ? 1 : 3;
+  if (options_.feedback == "large") shape.sets = {true, true, true};
+  Runners runners = make_runners(executor_, scene_.model, simulation_, ground_, cost_);
+  sim::Lanes<Lane>& lanes = runners[0].lanes();
+  control::Controller& c = out.controller;
+  c = motion.cyclic ? control::make_cyclic(lanes, scene_.model, simulation_, scene_.roles, motion.reference, search.result, p, shape)
+                    : control::make_one_shot(lanes, scene_.model, simulation_, scene_.roles, motion.reference, search.result, p, shape);
+  c.clip = motion.clip.name;
+
+  control::FeedbackLearning settings = effort_.learning;
+  settings.seed = options_.seed;
+  settings.starts_moved = perturbation(c);
+  std::optional<SavedLearning> last = folder_.load_learning();
+  if (last && (last->progress.best_law.size() != c.shape.size() || last->optimizer.dimension() != c.shape.size()))
+    throw Error((options_.out / "state" / "learning.json").string() + ": belongs to another controller");
+  const double wall_before = last ? last->wall_s : 0;
+  const std::optional<SavedLearning> resumed = last;
+  if (resumed) std::printf("feedback: goes on after generation %d\n", resumed->progress.generation);
+  ProgressLine line("feedback, generation", resumed ? resumed->progress.generation : 0, settings.generations);
+  double saved_at = 0;
+  const auto progress = [&](const control::FeedbackProgress& s, const optimize::CmaEs& optimizer) {
+    last = SavedLearning{s, optimizer, wall_before + clock.seconds()};
+    if (clock.seconds() - saved_at > 20) {
+      folder_.save(*last);
+      saved_at = clock.seconds();
+    }
+    char text[160];
+    std::snprintf(text, sizeof text, "%s%.0f %% of the starts' full perturbation, cost %.3g, %.0f %% succeed",
+                  c.cyclic ? (std::to_string(static_cast<int>(s.seconds)) + " s at ").c_str() : "", 100 * s.perturbation, s.mean_cost,
+                  100 * s.mean_success);
+    line.tell(s.generation, text);
+    return !interruption_asked();
+  };
+  if (!(resumed && resumed->optimizer.finished()))
+    control::learn_feedback(runners, c, settings, executor_, progress, resumed ? &resumed->optimizer : nullptr, resumed ? &resumed->progress : nullptr);
+  if (!last) throw Error("learning feedback ended without a generation");
+  folder_.save(*last);
+  if (interruption_asked()) throw Interrupted{};
+  c.law = last->progress.best_law;
+  out.generations = last->progress.generation;
+  out.wall_s = last->wall_s;
+  out.simulated_s = last->progress.simulated_seconds;
+  return out;
+}
+
+control::EpisodeSettings Performer::settings(const control::Controller& c, std::uint64_t stream) const {
+  control::EpisodeSettings e;
+  e.seconds = effort_.trial_s;
+  e.starts = perturbation(c);
+  e.seed = options_.seed;
+  e.stream = stream;
+  return e;
+}
+
+TrialResult Performer::test(const control::Controller& c, const control::TrackingReference& measured) {
+  constexpr int width = core::lane_count<Lane>;
+  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  const control::EpisodeSettings e = settings(c, trial_stream);
+  const int n = effort_.trials, groups = (n + width - 1) / width;
+  std::vector<control::EpisodeResult> results(static_cast<std::size_t>(n));
+  std::vector<double> error(static_cast<std::size_t>(n));
+  const auto points = cost_.points().size();
+  executor_.run(groups, [&](int g, int worker) {
+    if (interruption_asked()) return;
+    const int used = std::min(width, n - g * width);
+    Lane sum(0.0f);
+    int ticks = 0;
+    control::CycleCarry carry;
+    const auto observe = [&](int tick, const sim::Lanes<Lane>& lanes) {
+      const int period = c.ticks();
+      if (c.cyclic && tick % period == 0) carry = control::CycleCarry::after(c.reference, tick / period);
+      const int t = c.cyclic ? tick % period + 1 : std::min(tick + 1, period);
+      const Vector3<Lane> root = Vector3<Lane>::from(lanes.q());
+      const Vector3<double> root_reference = Vector3<double>::from(measured.poses.col(t).data());
+      for (std::size_t i = 0; i < points; ++i) {
+        const Vector3<double> reference = carry.rotate(Vector3<double>::from(measured.points.col(t).data() + 3 * i) - root_reference);
+        sum += norm(cost_.place(lanes, i) - root - reference.cast<float>().cast<Lane>());
+      }
+      ++ticks;
+    };
+    const auto r = runners[static_cast<std::size_t>(worker)].run(
+        c, e, used, [&](int) { return c.law.data(); }, [&](int lane) { return g * width + lane; }, [](int) { return control::Push{}; }, observe);
+    for (int l = 0; l < used; ++l) {
+      const auto k = static_cast<std::size_t>(g * width + l);
+      results[k] = r[static_cast<std::size_t>(l)];
+      error[k] = core::lane_of(sum, l) / (static_cast<double>(ticks) * static_cast<double>(points));
+    }
+  });
+  if (interruption_asked()) throw Interrupted{};
+  TrialResult out;
+  out.trials = n;
+  out.root_velocity_m_s = e.starts.root_velocity;
+  out.joint_angle_rad = e.starts.joint_angle;
+  for (std::size_t k = 0; k < results.size(); ++k) {
+    const control::EpisodeResult& r = results[k];
+    out.survived += r.survived;
+    out.reached_end += r.reached_end;
+    out.held += r.held;
+    out.simulated_s += r.seconds;
+    if (!r.survived) continue;
+    out.mean_joint_error_m += error[k];
+    out.mean_speed_m_s += r.mean_speed;
+  }
+  if (out.survived > 0) {
+    out.mean_joint_error_m /= out.survived;
+    out.mean_speed_m_s /= out.survived;
+  }
+  const control::TrackingReference& r = c.reference;
+  out.clip_speed_m_s = (r.poses.col(c.ticks()).head(2) - r.poses.col(0).head(2)).norm() / (c.ticks() * c.tick);
+  return out;
+}
+
+Vector3<double> Performer::push_force(const control::Controller& c, int tick, double angle, double impulse) const {
+  const int n = c.ticks();
+  // In a flip the heading means little: motions done once are pushed relative to where they began.
+  const double heading = c.cyclic ? c.reference.heading[tick % n] + control::CycleCarry::after(c.reference, tick / n).turn : c.reference.heading[0];
+  return impulse / push_s * Vector3<double>{std::cos(heading + angle), std::sin(heading + angle), 0};
+}
+
+PushResult Performer::push(const control::Controller& c) {
+  constexpr double settle_s = 2, after_s = 5;
+  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  control::EpisodeSettings e = settings(c, push_stream);
+  e.perturbation = 0;
+  const int n = effort_.push_trials, directions = static_cast<int>(push_directions.size());
+  const int ticks = std::max(1, static_cast<int>(std::lround(push_s / c.tick)));
+  const double period_s = c.ticks() * c.tick;
+  e.seconds = settle_s + period_s + push_s + after_s;
+  // Gaits are pushed at moments spread over a cycle, others over the first half of the motion.
+  const auto moment = [&](int i) {
+    const double share = static_cast<double>(i) / n;
+    return static_cast<int>(std::lround((c.cyclic ? settle_s + share * period_s : 0.5 * share * period_s) / c.tick));
+  };
+  PushResult out;
+  std::array<double, push_directions.size()> low{}, high{};
+  high.fill(effort_.push_most_Ns);
+  ProgressLine line("pushes, halving", 0, effort_.push_halvings);
+  for (int halving = 0; halving < effort_.push_halvings; ++halving) {
+    const auto results = control::run_episodes(runners, c, e, directions * n, executor_, [&](int episode) {
+      const auto d = static_cast<std::size_t>(episode / n);
+      const int at = moment(episode % n);
+      const double angle = 2 * std::numbers::pi * static_cast<double>(d) / directions;
+      return control::Push{push_force(c, at, angle, 0.5 * (low[d] + high[d])), at, ticks};
+    });
+    if (interruption_asked()) throw Interrupted{};
+    for (std::size_t d = 0; d < push_directions.size(); ++d) {
+      int survived = 0;
+      for (int i = 0; i < n; ++i) {
+        const control::EpisodeResult& r = results[d * static_cast<std::size_t>(n) + static_cast<std::size_t>(i)];
+        survived += r.survived;
+        out.simulated_s += r.seconds;
+      }
+      (2 * survived >= n ? low : high)[d] = 0.5 * (low[d] + high[d]);
+    }
+    line.tell(halving + 1, "eight directions");
+  }
+  out.tolerance_Ns = low;
+  return out;
+}
+
+Recording Performer::record(const control::Controller& c, double push_Ns) {
+  constexpr double shown_s = 12;
+  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  control::EpisodeSettings e = settings(c, record_stream);
+  e.seconds = shown_s;
+  e.hold = 1;
+  e.perturbation = options_.perturb ? 1 : 0;
+  control::Push push;
+  if (options_.perturb) {
+    push.first_tick = c.cyclic ? static_cast<int>(std::lround(shown_s / 3 / c.tick)) : c.ticks() / 4;
+    push.ticks = std::max(1, static_cast<int>(std::lround(push_s / c.tick)));
+    push.force = push_force(c, push.first_tick, 0.5 * std::numbers::pi, push_Ns);
+  }
+  Recording out;
+  const sim::Model& model = scene_.model;
+  std::vector<Eigen::VectorXd> poses, references;
+  const auto observe = [&](int tick, const sim::Lanes<Lane>& lanes) {
+    Eigen::VectorXd q(model.nq);
+    for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
+    body::normalize(model.character.skeleton, q.data());
+    poses.push_back(q);
+    references.push_back(reference_pose(c, tick + 1));
+    body::Frames<double> frames(model.character.skeleton);
+    body::forward_kinematics(model.character.skeleton, q.data(), frames);
+    std::vector<Recording::Contact> contacts;
+    for (std::size_t b = 0; b < model.bodies.size(); ++b) {
+      const sim::MovingBody& m = model.bodies[b];
+      const Vector3<double> force = lane_vector(lanes.body_force()[b], 0);
+      if (m.contacts == 0 || norm(force) < 1) continue;
+      // The force acts on the body as a whole; it is shown at the middle of its lowest points.
+      std::vector<Vector3<double>> touching;
+      double lowest = std::numeric_limits<double>::infinity();
+      for (int i = 0; i < m.contacts; ++i) {
+        const sim::ContactSphere& s = model.contacts[static_cast<std::size_t>(m.first_contact + i)];
+        const Vector3<double> at = frames.point(m.joint, s.center);
+        const Vector3<float> center = at.cast<float>();
+        const sim::GroundSample<float> ground = ground_.sample(center);
+        touching.push_back(at - s.radius * ground.normal.cast<double>());
+        lowest = std::min(lowest, ground.distance - s.radius);
+      }
+      Vector3<double> sum{0, 0, 0};
+      int count = 0;
+      for (int i = 0; i < m.contacts; ++i) {
+        const sim::ContactSphere& s = model.contacts[static_cast<std::size_t>(m.first_contact + i)];
+        const Vector3<float> center = frames.point(m.joint, s.center).cast<float>();
+        if (ground_.sample(center).distance - s.radius > lowest + 0.004) continue;
+        sum += touching[static_cast<std::size_t>(i)];
+        ++count;
+      }
+      contacts.push_back({(1.0 / count) * sum, force});
+    }
+    out.contacts.push_back(std::move(contacts));
+    const bool pushed = push.ticks > 0 && tick >= push.first_tick && tick < push.first_tick + push.ticks;
+    const int waist = model.bodies[static_cast<std::size_t>(scene_.roles.waist)].joint;
+    out.push_points.push_back(frames.point(waist, {0, 0, 0.15}));
+    out.push_impulses.push_back(pushed ? c.tick * push.force : Vector3<double>{0, 0, 0});
+  };
+  runners[0].run(c, e, 1, [&](int) { return c.law.data(); }, [](int) { return 0; }, [&](int) { return push; }, observe);
+  const auto keys = static_cast<Eigen::Index>(poses.size());
+  out.clip.name = c.clip + ", simulated";
+  out.clip.skeleton = model.character.skeleton;
+  out.clip.times = Eigen::VectorXd::LinSpaced(keys, 0, static_cast<double>(keys - 1) * c.tick);
+  out.clip.poses.resize(model.nq, keys);
+  out.reference.resize(model.nq, keys);
+  for (Eigen::Index k = 0; k < keys; ++k) {
+    out.clip.poses.col(k) = poses[static_cast<std::size_t>(k)];
+    out.reference.col(k) = references[static_cast<std::size_t>(k)];
+  }
+  return out;
+}
+
+}  // namespace perform

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "effort.hpp"
+#include "job_folder.hpp"
+#include "preparation.hpp"
+#include "traceur/core/executor.hpp"
+
+namespace perform {
+
+/// How well the targets alone, without feedback, follow the clip. Errors are means over joints, m.
+struct OpenLoopResult {
+  double mean_joint_error_m = 0;  ///< in the world
+  double mean_local_error_m = 0;  ///< after taking the root's place off
+  double worst_tick_error_m = 0;
+  bool fell = false;
+  double wall_s = 0, simulated_s = 0;
+};
+
+/// What became of the controller on starts that it never saw.
+struct TrialResult {
+  int trials = 0, survived = 0, reached_end = 0, held = 0;
+  double mean_joint_error_m = 0;  ///< of those that survived, after taking the root's place off
+  double mean_speed_m_s = 0;      ///< of those that survived
+  double clip_speed_m_s = 0;
+  double root_velocity_m_s = 0, joint_angle_rad = 0;  ///< how far starts were moved
+  double simulated_s = 0;
+};
+
+/// The eight directions of pushes, counterclockwise from ahead, seen from above.
+inline constexpr std::array<const char*, 8> push_directions{"forward",  "forward_left",   "left",  "backward_left",
+                                                           "backward", "backward_right", "right", "forward_right"};
+
+/// Impulse (N s) that half of the pushes of each direction are survived with.
+struct PushResult {
+  std::array<double, 8> tolerance_Ns{};
+  double simulated_s = 0;
+};
+
+/// A motion of the simulated character tick by tick, for a replay.
+struct Recording {
+  struct Contact {
+    traceur::core::Vector3<double> point, force;  ///< m, N, on the character
+  };
+  traceur::motion::Clip clip;
+  std::vector<std::vector<Contact>> contacts;                 ///< of each key
+  std::vector<traceur::core::Vector3<double>> push_points;    ///< of each key, m
+  std::vector<traceur::core::Vector3<double>> push_impulses;  ///< of each key, N s
+  Eigen::MatrixXd reference;                                  ///< poses of the controller's reference at the same keys
+};
+
+/// Learning done, or a controller that was read.
+struct Learned {
+  traceur::control::Controller controller;
+  int generations = 0;
+  double wall_s = 0, simulated_s = 0;
+};
+
+/// The steps of the job that simulate. Long ones tell how far they are, save what they have and throw Interrupted when
+/// asked to stop.
+class Performer {
+ public:
+  Performer(const Scene& scene, const Options& options, const Effort& effort);
+
+  /// Searches targets with which the character follows the motion, or takes them from the job's state.
+  SavedSearch search(const Motion& motion);
+  OpenLoopResult judge(const Motion& motion, const SavedSearch& search) const;
+  /// Learns a feedback law around the targets.
+  Learned learn(const Motion& motion, const SavedSearch& search);
+  /// `measured` is what errors are measured against: the controller's reference without smoothing.
+  TrialResult test(const traceur::control::Controller& controller, const traceur::control::TrackingReference& measured);
+  PushResult push(const traceur::control::Controller& controller);
+  /// One performance; from a perturbed start and with a push of `push_Ns` from the right when the user asked for that.
+  Recording record(const traceur::control::Controller& controller, double push_Ns);
+
+ private:
+  traceur::control::Perturbation perturbation(const traceur::control::Controller& controller) const;
+  traceur::control::SamplingParameters sampling(const Motion& motion) const;
+  traceur::control::EpisodeSettings settings(const traceur::control::Controller& controller, std::uint64_t stream) const;
+  traceur::core::Vector3<double> push_force(const traceur::control::Controller& controller, int tick, double angle, double impulse) const;
+
+  const Scene& scene_;
+  const Options& options_;
+  Effort effort_;
+  JobFolder folder_;
+  traceur::sim::Parameters simulation_;
+  traceur::sim::Ground<float> ground_;
+  traceur::control::TrackingCost cost_;
+  traceur::core::ThreadExecutor executor_;
+};
+
+}  // namespace perform

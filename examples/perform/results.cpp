@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: MIT
+#include "results.hpp"
+
+#include <algorithm>
+
+#include "traceur/core/version.hpp"
+#include "traceur/io/clip_file.hpp"
+#include "traceur/io/replay.hpp"
+
+namespace perform {
+
+using namespace traceur;
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string rounded(double x, int digits, const char* unit) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f %s", digits, x, unit);
+  return text;
+}
+
+/// Makes the folder and leaves it as it was: what cannot be written is better found out before hours of work.
+void check_writable(const fs::path& folder, const fs::path& file) {
+  std::error_code failure;
+  if (!folder.empty()) fs::create_directories(folder, failure);
+  if (failure) throw Error(folder.string() + ": cannot be made: " + failure.message());
+  if (!fs::exists(file) || fs::is_regular_file(file)) io::AtomicFile(file).write("");
+  if (fs::is_directory(file)) throw Error(file.string() + ": is a folder; expected a file");
+}
+
+io::ReplayCharacter replay_character(const body::Character& c) {
+  io::ReplayCharacter out;
+  for (const body::Joint& j : c.skeleton.joints()) out.bodies.push_back({j.body, j.parent});
+  const auto f = [](double x) { return static_cast<float>(x); };
+  for (const body::Shape& s : c.shapes) {
+    io::ReplayShape shape;
+    shape.kind = s.kind == body::Shape::Kind::sphere    ? io::ReplayShape::Kind::sphere
+                 : s.kind == body::Shape::Kind::capsule ? io::ReplayShape::Kind::capsule
+                                                        : io::ReplayShape::Kind::box;
+    shape.body = s.body;
+    shape.position = {f(s.position.x), f(s.position.y), f(s.position.z)};
+    shape.rotation = {f(s.rotation.x), f(s.rotation.y), f(s.rotation.z), f(s.rotation.w)};
+    shape.size = {f(s.size.x), f(s.size.y), f(s.size.z)};
+    out.shapes.push_back(shape);
+  }
+  return out;
+}
+
+std::vector<float> replay_poses(const body::Skeleton& skeleton, const Eigen::MatrixXd& poses) {
+  std::vector<float> out;
+  body::Frames<double> frames(skeleton);
+  for (Eigen::Index k = 0; k < poses.cols(); ++k) {
+    body::forward_kinematics(skeleton, poses.col(k).data(), frames);
+    for (std::size_t b = 0; b < frames.position.size(); ++b) {
+      const auto& p = frames.position[b];
+      const auto& r = frames.rotation[b];
+      for (const double x : {p.x, p.y, p.z, r.x, r.y, r.z, r.w}) out.push_back(static_cast<float>(x));
+    }
+  }
+  return out;
+}
+
+io::ReplayTerrain replay_terrain(const terrain::HeightGrid& grid) {
+  io::ReplayTerrain t;
+  t.nx = grid.nx();
+  t.ny = grid.ny();
+  t.dx = static_cast<float>(grid.cell());
+  t.x0 = static_cast<float>(grid.center_x(0));
+  t.y0 = static_cast<float>(grid.center_y(0));
+  for (int j = 0; j < grid.ny(); ++j)
+    for (int i = 0; i < grid.nx(); ++i) t.heights.push_back(static_cast<float>(grid(i, j)));
+  return t;
+}
+
+}  // namespace
+
+Report::Report(const Options& options, const Scene& scene) : options_(options) {
+  check_writable(options.out, options.out / "replay.html");
+  check_writable(options.report.parent_path(), options.report);
+  Json arguments = job_arguments(options);
+  arguments["out"] = options.out.string();
+  arguments["report"] = options.report.string();
+  arguments["threads"] = options.threads;
+  arguments["resume"] = options.resume;
+  json_ = Json{{"program", "perform"},
+               {"version", core::version_string},
+               {"arguments", arguments},
+               {"clip", options.clip.filename().string()},
+               {"character", scene.model.character.name},
+               {"seed", options.seed},
+               {"status", "failed"}};
+  facts_.emplace_back("character", scene.model.character.name + ", " + rounded(scene.model.total_mass, 1, "kg"));
+}
+
+void Report::add(const Preparation& p) {
+  json_["clip_format"] = p.loaded.format;
+  json_["clip_notes"] = p.loaded.notes;
+  json_["duration_s"] = p.clip.duration();
+  json_["cyclic"] = p.motions.back().cyclic;
+  json_["motion_notes"] = p.notes;
+  json_["retarget"] = p.retarget;
+  if (p.flight.flights > 0) {
+    const motion::FlightConsistency& f = p.flight;
+    json_["flight_consistency"] = Json{{"flights", f.flights},
+                                       {"flight_s", f.flight_s},
+                                       {"horizontal_acceleration_rms_m_s2", f.horizontal_acceleration_rms_m_s2},
+                                       {"horizontal_acceleration_max_m_s2", f.horizontal_acceleration_max_m_s2},
+                                       {"vertical_error_rms_m_s2", f.vertical_error_rms_m_s2},
+                                       {"ballistic_error_max_m", f.ballistic_error_max_m},
+                                       {"angular_momentum_drift_kg_m2_s", f.angular_momentum_drift_kg_m2_s}};
+  }
+  facts_.emplace_back("clip", p.clip.name + ", " + rounded(p.clip.duration(), 2, "s"));
+}
+
+void Report::add(const OpenLoopResult& r) {
+  json_["open_loop"] = Json{{"mean_joint_error_m", r.mean_joint_error_m}, {"mean_local_error_m", r.mean_local_error_m},
+                            {"worst_tick_error_m", r.worst_tick_error_m}, {"fell", r.fell},
+                            {"wall_s", r.wall_s},                         {"simulated_s", r.simulated_s}};
+  simulated_s_ += r.simulated_s;
+  facts_.emplace_back("open loop, mean joint error", rounded(100 * r.mean_joint_error_m, 1, "cm"));
+}
+
+void Report::add(const TrialResult& t, const Learned& l) {
+  const bool cyclic = l.controller.cyclic;
+  const Json survivors_only = t.survived > 0 ? Json(t.mean_joint_error_m) : Json(nullptr);
+  json_["cyclic"] = cyclic;
+  json_["closed_loop"] = Json{{"trials", t.trials},
+                              {"survived", t.survived},
+                              {"reached_end", cyclic ? Json(nullptr) : Json(t.reached_end)},
+                              {"held", cyclic ? Json(nullptr) : Json(t.held)},
+                              {"mean_joint_error_m", survivors_only},
+                              {"mean_speed_m_s", t.survived > 0 ? Json(t.mean_speed_m_s) : Json(nullptr)},
+                              {"clip_speed_m_s", t.clip_speed_m_s},
+                              {"start_root_velocity_m_s", t.root_velocity_m_s},
+                              {"start_joint_angle_rad", t.joint_angle_rad},
+                              {"law_numbers", l.controller.shape.size()},
+                              {"generations", l.generations},
+                              {"wall_s", l.wall_s},
+                              {"simulated_s", l.simulated_s}};
+  simulated_s_ += l.simulated_s + t.simulated_s;
+  facts_.emplace_back("survived", std::to_string(t.survived) + " of " + std::to_string(t.trials) + " unseen starts");
+  if (!cyclic) facts_.emplace_back("held the end pose", std::to_string(t.held) + " of " + std::to_string(t.trials));
+  if (t.survived > 0) facts_.emplace_back("closed loop, mean joint error", rounded(100 * t.mean_joint_error_m, 1, "cm, root taken off"));
+  if (cyclic) facts_.emplace_back("speed", rounded(t.mean_speed_m_s, 2, "m/s, ") + "clip " + rounded(t.clip_speed_m_s, 2, "m/s"));
+  if (2 * t.survived < t.trials) failed("the closed loop fell in " + std::to_string(t.trials - t.survived) + " of " + std::to_string(t.trials) + " trials");
+}
+
+void Report::add(const PushResult& r) {
+  Json pushes;
+  for (std::size_t d = 0; d < push_directions.size(); ++d) pushes[push_directions[d]] = r.tolerance_Ns[d];
+  json_["push_Ns"] = pushes;
+  simulated_s_ += r.simulated_s;
+  const auto [least, most] = std::minmax_element(r.tolerance_Ns.begin(), r.tolerance_Ns.end());
+  facts_.emplace_back("pushes survived", rounded(*least, 0, "to ") + rounded(*most, 0, "N s, by direction"));
+}
+
+void Report::interrupted() {
+  interrupted_ = true;
+  failed("interrupted; go on with: perform --resume " + options_.out.string());
+}
+
+int Report::write(double wall_s) {
+  json_["simulated_s"] = simulated_s_;
+  json_["wall_s"] = wall_s;
+  json_["status"] = why_.empty() ? "done" : interrupted_ ? "interrupted" : "failed";
+  if (!why_.empty()) json_["why"] = why_;
+  io::write_atomically(options_.report, json_.dump(2) + "\n");
+  std::printf("%s%s\nreport: %s\n", json_["status"].get<std::string>().c_str(), why_.empty() ? "" : (": " + why_).c_str(), options_.report.string().c_str());
+  return why_.empty() ? 0 : 1;
+}
+
+void write_recording(const Options& options, const Scene& scene, const Recording& r, const Report& report) {
+  const body::Skeleton& skeleton = scene.model.character.skeleton;
+  io::write_clip(options.out / "motion.jsonl", r.clip);
+  io::Replay replay;
+  replay.title = r.clip.name;
+  replay.facts = report.facts();
+  replay.characters = {replay_character(scene.model.character)};
+  io::ReplayTrack simulated, reference;
+  simulated.name = "simulated";
+  simulated.fps = static_cast<float>((r.clip.keys() - 1) / r.clip.duration());
+  simulated.poses = replay_poses(skeleton, r.clip.poses);
+  const auto triple = [](const core::Vector3<double>& v) { return std::array<float, 3>{static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)}; };
+  bool any_push = false;
+  for (std::size_t k = 0; k < r.contacts.size(); ++k) {
+    std::vector<std::array<float, 6>>& frame = simulated.contacts.emplace_back();
+    for (const Recording::Contact& c : r.contacts[k]) {
+      const auto p = triple(c.point), f = triple(c.force);
+      frame.push_back({p[0], p[1], p[2], f[0], f[1], f[2]});
+    }
+    const bool pushed = squared_norm(r.push_impulses[k]) > 0;
+    any_push = any_push || pushed;
+    for (const auto& v : {pushed ? r.push_points[k] : core::Vector3<double>{0, 0, 0}, r.push_impulses[k]})
+      for (const float x : triple(v)) simulated.pushes.push_back(x);
+  }
+  if (!any_push) simulated.pushes.clear();
+  reference.name = "clip";
+  reference.ghost = true;
+  reference.color = {0.85F, 0.6F, 0.3F};
+  reference.fps = simulated.fps;
+  reference.poses = replay_poses(skeleton, r.reference);
+  replay.tracks = {simulated, reference};
+  if (scene.terrain) replay.terrain = replay_terrain(*scene.terrain);
+  io::write_replay(options.out / "replay.html", replay);
+  std::printf("replay: %s\n", (options.out / "replay.html").string().c_str());
+}
+
+void write_open_loop(const Options& options, const Scene& scene, const Motion& motion, const SavedSearch& search) {
+  motion::Clip clip;
+  clip.name = motion.clip.name + ", open loop";
+  clip.skeleton = scene.model.character.skeleton;
+  clip.poses = search.result.poses;
+  for (Eigen::Index k = 0; k < clip.poses.cols(); ++k) body::normalize(clip.skeleton, clip.poses.col(k).data());
+  clip.times = Eigen::VectorXd::LinSpaced(clip.poses.cols(), 0, static_cast<double>(clip.poses.cols() - 1) * motion.reference.dt);
+  io::write_clip(options.out / "open_loop.jsonl", clip);
+}
+
+}  // namespace perform

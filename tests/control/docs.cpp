@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: MIT
+// The code of docs/control.md.
+#include <traceur/control/learn_feedback.hpp>
+#include <traceur/control/make_controller.hpp>
+#include <traceur/control/sampling_control.hpp>
+#include <traceur/io/mjcf.hpp>
+
+#include <doctest/doctest.h>
+
+#include "support.hpp"
+
+using namespace traceur;
+
+TEST_CASE("docs/control.md") {
+  const char* path = TRACEUR_SOURCE_DIR "/examples/characters/humanoid.xml";
+  const motion::Clip clip = figures::squat_clip(30, 0.3);
+  using S = core::Pack<float>;  // lanes simulated together
+
+  const sim::Model model = sim::make_model(io::read_mjcf(path));
+  const control::Roles roles = control::find_roles(model);
+  const std::vector<control::TrackedPoint> points = control::tracked_points(model, roles);
+  const control::TrackingReference reference = control::make_reference(model, roles, points, clip, clip.duration(), 1.0 / 60);
+  const control::TrackingCost cost(model, roles, points);
+  const sim::Parameters simulation;
+  const sim::Ground<float> ground;
+  core::ThreadExecutor threads(2);
+
+  // Open loop.
+  control::SamplingParameters sampling;
+  sampling.samples = 256;
+  sampling.elites = 32;
+  sampling.rounds = 3;
+  const control::SampledControl sampled = control::sample_control<S>(model, simulation, ground, cost, reference, sampling, threads);
+
+  // A law of three phases, and what the sensors should read.
+  const control::FeedbackShape shape{{.swing_foot = true, .root_spin = true, .ankles = true}, 3, 3};
+  sim::Lanes<S> lanes(model, simulation, ground);
+  control::Controller controller = control::make_one_shot(lanes, model, simulation, roles, reference, sampled, sampling, shape);
+
+  // Its numbers.
+  std::vector<control::EpisodeRunner<S>> runners;
+  for (int i = 0; i < threads.concurrency(); ++i) runners.emplace_back(model, simulation, ground, cost);
+  control::FeedbackLearning learning;
+  learning.population = 8;
+  learning.starts = 4;
+  learning.generations = 2;
+  controller.law = control::learn_feedback(runners, controller, learning, threads).best_law;
+
+  const std::vector<control::EpisodeResult> trials = control::run_episodes(runners, controller, {}, 16, threads);
+
+  CHECK(sampled.mean_joint_error < 0.1);
+  CHECK(controller.law.size() == 297);
+  REQUIRE(trials.size() == 16);
+  for (const control::EpisodeResult& r : trials) CHECK_FALSE(r.non_finite);
+}

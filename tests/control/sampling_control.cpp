@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: MIT
+#include <traceur/control/sampling_control.hpp>
+
+#include <doctest/doctest.h>
+
+#include "support.hpp"
+
+using namespace figures;
+using control::SampledControl;
+using control::SamplingParameters;
+
+namespace {
+
+// Four lanes whatever the machine, so that all machines search alike.
+using S = core::Pack<float, 4>;
+
+struct Search {
+  const Figure& f = humanoid();
+  sim::Parameters simulation;
+  sim::Ground<float> ground;
+  control::TrackingReference reference;
+  control::TrackingCost cost{f.model, f.roles, f.points};
+  SamplingParameters settings;
+
+  Search(const motion::Clip& clip, double seconds) : reference(reference_of(f, clip, seconds)) {
+    settings.samples = 96;
+    settings.elites = 16;
+    settings.children = 4;
+    settings.rounds = 6;
+    settings.hip = settings.leg = settings.trunk = 0.05;
+    settings.head = 0.01;
+  }
+  template <class E>
+  SampledControl run(E&& executor, const control::SamplingProgress& progress = {}) const {
+    return control::sample_control<S>(f.model, simulation, ground, cost, reference, settings, executor, progress);
+  }
+  SampledControl run() const { return run(core::SerialExecutor{}); }
+
+  /// Poses reached under targets, and what they cost by the search's measure: 0.3 at the middle, 0.7 at the end of windows.
+  struct Outcome {
+    Eigen::MatrixXd poses;
+    double cost = 0;
+  };
+  Outcome simulate(const Eigen::MatrixXd& targets) const {
+    sim::Lanes<S> lanes(f.model, simulation, ground);
+    for (int i = 0; i < core::lane_count<S>; ++i) put(lanes, i, reference.poses.col(0), reference.velocities.col(0));
+    Outcome out{Eigen::MatrixXd(f.model.nq, reference.ticks + 1)};
+    out.poses.col(0) = reference.poses.col(0);
+    for (int t = 0; t < reference.ticks; ++t) {
+      for (int k = 7; k < f.model.nq; ++k) lanes.target()[k] = S(targets(k, t));
+      lanes.step(settings.steps_per_tick);
+      for (int k = 0; k < f.model.nq; ++k) out.poses(k, t + 1) = static_cast<double>(lanes.q()[k][3]);
+      const int in_window = (t + 1) % settings.window_ticks;
+      if (in_window == settings.window_ticks / 2) out.cost += 0.3 * static_cast<double>(cost(lanes, reference, t + 1)[3]);
+      if (in_window == 0) out.cost += 0.7 * static_cast<double>(cost(lanes, reference, t + 1)[3]);
+    }
+    return out;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a search for a squat: costs never rise, the plan is recorded to the bit, threads do not matter") {
+  const Search search(squat_clip(36), 0.6);
+  std::vector<double> told;
+  const SampledControl found = search.run(core::SerialExecutor{}, [&](int round, double cost) {
+    CHECK(round == static_cast<int>(told.size()));
+    told.push_back(cost);
+    return true;
+  });
+  CHECK(told == found.round_cost);
+  REQUIRE(found.round_cost.size() == 6);
+  for (std::size_t k = 1; k < 6; ++k) CHECK(found.round_cost[k] <= found.round_cost[k - 1]);
+  CHECK(found.offsets.cols() == 6);
+  CHECK(found.tied_offsets.size() == 0);
+  CHECK(found.simulated_seconds == doctest::Approx(6 * 96 * 0.6));
+
+  SUBCASE("recorded targets lead to recorded poses, and these have the cost of the last round") {
+    const Search::Outcome again = search.simulate(found.targets);
+    CHECK((again.poses - found.poses).cwiseAbs().maxCoeff() == 0);
+    CHECK(again.cost == doctest::Approx(found.round_cost.back()).epsilon(1e-5));
+  }
+  SUBCASE("the plan beats the led targets it started from") {
+    const Search::Outcome led = search.simulate(control::led_targets(search.f.model, search.reference, search.settings.lead));
+    MESSAGE("cost ", led.cost, " of led targets, ", found.round_cost.front(), " to ", found.round_cost.back(), " in the search");
+    CHECK(found.round_cost.back() < 0.8 * led.cost);
+  }
+  SUBCASE("targets are led targets displaced by each window's offset") {
+    const Eigen::MatrixXd led = control::led_targets(search.f.model, search.reference, search.settings.lead);
+    for (int t = 0; t < search.reference.ticks; ++t) {
+      Eigen::VectorXd target(search.f.model.nq);
+      const Eigen::VectorXd d = found.offsets.col(t / 6);
+      CHECK(d.head(6).isZero());
+      body::displace(search.f.skeleton(), led.col(t).data(), d.data(), target.data());
+      CHECK((target - found.targets.col(t)).cwiseAbs().maxCoeff() < 1e-6);
+    }
+  }
+  SUBCASE("errors are distances between recorded and reference points") {
+    control::TrackingReference reached = search.reference;
+    reached.poses = found.poses;
+    reached.velocities = found.velocities;
+    control::measure_reference(search.f.model, search.f.roles, search.f.points, reached);
+    double global = 0, local = 0, worst = 0;
+    for (int t = 1; t <= search.reference.ticks; ++t) {
+      const Eigen::Vector3d root = (found.poses.col(t) - search.reference.poses.col(t)).head(3);
+      double here = 0;
+      for (Eigen::Index p = 0; p < reached.points.rows(); p += 3) {
+        const Eigen::Vector3d d = reached.points.block<3, 1>(p, t) - search.reference.points.block<3, 1>(p, t);
+        here += d.norm();
+        local += (d - root).norm();
+      }
+      global += here;
+      worst = std::max(worst, here);
+    }
+    const double points = static_cast<double>(search.f.points.size());
+    CHECK(found.mean_joint_error == doctest::Approx(global / 36 / points).epsilon(1e-4));
+    CHECK(found.mean_local_error == doctest::Approx(local / 36 / points).epsilon(1e-4));
+    CHECK(found.worst_tick_error == doctest::Approx(worst / points).epsilon(1e-4));
+  }
+  SUBCASE("two threads and a second run give the same bits, another seed others") {
+    core::ThreadExecutor threads(2);
+    for (const SampledControl& other : {search.run(threads), search.run()}) {
+      CHECK(other.offsets == found.offsets);
+      CHECK(other.poses == found.poses);
+      CHECK(other.round_cost == found.round_cost);
+    }
+    Search changed = search;
+    changed.settings.seed = 2;
+    CHECK(changed.run().offsets != found.offsets);
+  }
+  SUBCASE("progress may end the search early") {
+    const SampledControl early = search.run(core::SerialExecutor{}, [](int round, double) { return round < 1; });
+    CHECK(early.round_cost == std::vector<double>(told.begin(), told.begin() + 2));
+  }
+}
+
+TEST_CASE("tied windows search around one plan for all cycles, mirrored in every second half") {
+  Search search(sway_clip(24), 1.2);
+  search.settings.rounds = 1;
+  search.settings.period_starts = {0, 5};
+  search.settings.period_ticks = 12;
+  search.settings.mirrored = true;
+  search.settings.history = 1;
+  // Without spread in the second round, all samples but the carried best are the means.
+  search.settings.shrink = 0;
+  const SampledControl one = search.run();
+  search.settings.rounds = 2;
+  const SampledControl two = search.run();
+  REQUIRE(one.tied_offsets.cols() == 2);
+  REQUIRE(two.offsets.cols() == 12);
+  CHECK(one.tied_offsets.norm() > 0.01);
+  int shared = 0;
+  for (int w = 0; w < 12; ++w) {
+    const Eigen::VectorXd plan = one.tied_offsets.col(w % 2);
+    const Eigen::VectorXd mean = (w / 2) % 2 == 1 ? control::mirrored_tangent(search.f.model, search.f.roles, plan) : plan;
+    const bool is_mean = (two.offsets.col(w) - mean).norm() < 1e-6;
+    const bool is_best = two.offsets.col(w) == one.offsets.col(w);
+    CHECK((is_mean || is_best));
+    shared += is_mean ? 1 : 0;
+  }
+  CHECK(shared > 0);
+
+  SUBCASE("the plan is the mean over cycles of every window's own mean") {
+    // After one round a window's mean is half its best and half its elites; with one elite both are the best.
+    search.settings.rounds = 1;
+    search.settings.elites = 1;
+    search.settings.children = 1;
+    search.settings.lag = 0;
+    const SampledControl alone = search.run();
+    for (int k = 0; k < 2; ++k) {
+      Eigen::VectorXd sum = Eigen::VectorXd::Zero(search.f.model.nv);
+      for (int w = k; w < 12; w += 2) {
+        const Eigen::VectorXd d = alone.offsets.col(w);
+        sum += (w / 2) % 2 == 1 ? control::mirrored_tangent(search.f.model, search.f.roles, d) : d;
+      }
+      CHECK((alone.tied_offsets.col(k) - sum / 6).cwiseAbs().maxCoeff() < 1e-12);
+    }
+  }
+}
+
+TEST_CASE("settings and starts that cannot be searched are refused") {
+  const Search good(standing_clip(12), 0.2);
+  const auto refusal = [&](auto&& spoil) {
+    Search s = good;
+    spoil(s);
+    return error_of([&] { s.run(); });
+  };
+  CHECK(contains(refusal([](Search& s) { s.settings.samples = 0; }), "samples, elites, children"));
+  CHECK(contains(refusal([](Search& s) { s.settings.children = 0; }), "must be positive"));
+  CHECK(contains(refusal([](Search& s) { s.settings.steps_per_tick = 0; }), "must be positive"));
+  CHECK(contains(refusal([](Search& s) { s.settings.lag = -1; }), "lag"));
+  CHECK(contains(refusal([](Search& s) { s.settings.period_starts = {0}; }), "period_starts"));
+  CHECK(contains(refusal([](Search& s) { s.settings.period_starts = {1}, s.settings.period_ticks = 6; }), "period_starts"));
+  CHECK(contains(refusal([](Search& s) { s.settings.period_starts = {0, 3, 3}, s.settings.period_ticks = 6; }), "period_starts"));
+  CHECK(contains(refusal([](Search& s) { s.reference.velocities(8, 0) = std::nan(""); }), "every sample of window 0"));
+}
