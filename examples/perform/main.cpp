@@ -59,6 +59,7 @@ int carry_out(Report& report, Work&& work) {
 }
 
 int run(const Options& options) {
+  listen_for_interruption();
   const Effort effort = Effort::of(options.quick);
   Scene scene = load_scene(options);
   Preparation preparation;
@@ -71,7 +72,6 @@ int run(const Options& options) {
   Report report(options, scene);
   if (!options.clip.empty()) report.add(preparation);
   Performer performer(scene, options, effort);
-  listen_for_interruption();
 
   if (!options.controller.empty()) {
     const TrackingReference* measured = &given.controller.reference;

@@ -61,26 +61,46 @@ double half_cycle_misfit(const motion::Clip& c, const motion::Mirror& mirror) {
   return sum / (samples * s.size());
 }
 
-/// What can be taken for one cycle of the clip: all of it if the file says so, else the best interval if its ends match.
-std::optional<motion::Clip> cycle_in(const motion::Clip& clip, std::vector<std::string>& notes) {
-  if (clip.cyclic) return clip;
-  motion::CycleSearch search;
-  search.longest = 2.0;
-  const auto found = motion::find_cycle(clip, search);
-  if (!found) return std::nullopt;
-  const motion::CycleLimits limits;
-  const motion::CycleMisfit& m = found->misfit;
-  if (m.position_m > limits.position_m || m.velocity_m_s > limits.velocity_m_s || m.joint_rad > limits.joint_rad || m.tilt_rad > limits.tilt_rad)
-    return std::nullopt;
-  char text[120];
-  std::snprintf(text, sizeof text, "a cycle from %.3f to %.3f s, its ends %.3f m apart", found->start, found->end, m.position_m);
-  notes.emplace_back(text);
-  return motion::cut(clip, found->start, found->end);
+/// The half cycles of a gait are about mirror images. Of jumps and dances that end as they begin they are not.
+constexpr double most_half_misfit = 0.12;
+
+bool alternates(const motion::Clip& cycle) {
+  return half_cycle_misfit(cycle, motion::Mirror(cycle.skeleton)) < most_half_misfit && std::abs(turn(cycle)) < 0.35;
 }
 
-/// A gait gets on: it travels, upright, in cycles of a step's length in time.
+/// A gait gets on: it travels, upright, from foot to foot, in cycles of two steps' length in time.
 bool is_gait(const motion::Clip& cycle) {
-  return travel(cycle) > 0.4 && upright(cycle) && cycle.duration() >= 0.4 && cycle.duration() <= 2.0;
+  return travel(cycle) > 0.4 && upright(cycle) && cycle.duration() >= 0.4 && cycle.duration() <= 2.0 && alternates(cycle);
+}
+
+/// What can be taken for one cycle of the clip: all of it if the file says so or its ends match, else the best interval if
+/// that one's ends do. With `gaits` only what is one.
+std::optional<motion::Clip> cycle_in(const motion::Clip& clip, bool gaits, std::vector<std::string>& notes) {
+  if (clip.cyclic) return !gaits || is_gait(clip) ? std::optional(clip) : std::nullopt;
+  // Of a gait one half is taken and closed, so that its whole need not end quite as it began.
+  const motion::CycleLimits strict, lenient{0.3, 5.0, 1.0, 0.3};
+  const auto closes = [&](const motion::CycleMisfit& m, const motion::CycleLimits& limits) {
+    return m.position_m <= limits.position_m && m.velocity_m_s <= limits.velocity_m_s && m.joint_rad <= limits.joint_rad && m.tilt_rad <= limits.tilt_rad;
+  };
+  motion::CycleSearch search;
+  search.longest = 2.0;
+  struct Interval {
+    double from, to;
+  };
+  std::vector<Interval> candidates{{0, clip.duration()}};
+  if (const auto found = motion::find_cycle(clip, search)) candidates.push_back({found->start, found->end});
+  for (const bool gait : {true, false})
+    for (const Interval& i : candidates) {
+      const motion::CycleMisfit misfit = motion::cycle_misfit(clip, i.from, i.to);
+      if ((gaits && !gait) || !closes(misfit, gait ? lenient : strict)) continue;
+      const motion::Clip part = motion::cut(clip, i.from, i.to);
+      if (gait && !is_gait(part)) continue;
+      char text[120];
+      std::snprintf(text, sizeof text, "a cycle from %.3f to %.3f s, its ends %.3f m apart", i.from, i.to, misfit.position_m);
+      notes.emplace_back(text);
+      return part;
+    }
+  return std::nullopt;
 }
 
 void finish(Motion& m, const motion::Clip& clip, double seconds, const Scene& scene, const Effort& effort) {
@@ -103,11 +123,10 @@ Motion gait(const motion::Clip& cycle, const std::string& name, const Scene& sce
   m.name = name;
   m.cyclic = true;
   const motion::Mirror mirror(scene.model.character.skeleton);
-  const double misfit = half_cycle_misfit(cycle, mirror);
-  m.mirrored = misfit < 0.12 && std::abs(turn(cycle)) < 0.35;
+  m.mirrored = alternates(cycle);
   char text[160];
-  std::snprintf(text, sizeof text, "halves of the cycle %.3f m from each other's mirror image: %s", misfit,
-                m.mirrored ? "made symmetric" : "kept apart");
+  std::snprintf(text, sizeof text, "a cycle of %.3f s, its halves %.3f m from each other's mirror image: %s", cycle.duration(),
+                half_cycle_misfit(cycle, mirror), m.mirrored ? "made symmetric" : "kept apart");
   notes.emplace_back(text);
   motion::Clip clip = m.mirrored ? motion::symmetrize_gait(cycle, mirror, motion::GaitHalf::first) : motion::close_cycle(cycle);
   const int parts = m.mirrored ? 2 : 1;
@@ -176,13 +195,10 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
 
   const bool level = !scene.terrain || scene.terrain->is_flat();
   std::optional<motion::Clip> cycle;
-  if (o.motion != "once" && level) cycle = cycle_in(out.clip, out.notes);
+  if (o.motion != "once" && level) cycle = cycle_in(out.clip, o.motion == "auto", out.notes);
   if (o.motion == "cyclic" && !cycle)
     throw Error(o.clip.string() + ": --motion cyclic: " + (level ? "no part of the clip ends as it begins" : "expected level ground"));
-  if (o.motion == "auto" && cycle && !is_gait(*cycle)) {
-    out.notes.emplace_back("not a gait (one travels more than 0.4 m in a cycle of 0.4 to 2 s, upright): done once");
-    cycle.reset();
-  }
+  if (!cycle) out.notes.emplace_back("no gait: done once");
   if (!cycle || !out.clip.cyclic) out.motions.push_back(once(out.clip, scene, effort));
   if (cycle) out.motions.push_back(gait(*cycle, out.motions.empty() ? "open_loop" : "cycle", scene, effort, out.notes));
   for (const std::string& note : out.notes) std::printf("motion: %s\n", note.c_str());

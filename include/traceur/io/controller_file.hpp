@@ -202,9 +202,15 @@ inline control::Controller parse_controller(const std::string& text, const std::
   c.reference.poses = f.matrix("reference_poses", model.nq);
   c.reference.velocities = f.matrix("reference_velocities", model.nv);
   const Eigen::MatrixXd q = f.matrix("start_pose", model.nq), v = f.matrix("start_velocity", model.nv);
-  if (c.sensory.cols() != c.targets.cols() || c.reference.poses.cols() != c.targets.cols() + 1 ||
-      c.reference.velocities.cols() != c.targets.cols() + 1 || q.cols() != 1 || v.cols() != 1)
-    throw Error(where + ": targets, sensory and reference do not have matching numbers of ticks");
+  const auto require_columns = [&](const char* name, const Eigen::MatrixXd& m, Eigen::Index count) {
+    if (m.cols() != count)
+      throw Error(where + ": field '" + name + "': expected " + std::to_string(count) + " columns, found " + std::to_string(m.cols()));
+  };
+  require_columns("sensory", c.sensory, c.targets.cols());
+  require_columns("reference_poses", c.reference.poses, c.targets.cols() + 1);
+  require_columns("reference_velocities", c.reference.velocities, c.targets.cols() + 1);
+  require_columns("start_pose", q, 1);
+  require_columns("start_velocity", v, 1);
   c.start_pose = q.col(0);
   c.start_velocity = v.col(0);
   body::check_pose(model.character.skeleton, c.start_pose, where + ": field 'start_pose'");

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: MIT
+#include <sys/wait.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+#include <doctest/doctest.h>
+#include <nlohmann/json.hpp>
+
+#include <traceur/io/clip_file.hpp>
+#include <traceur/io/mjcf.hpp>
+
+using namespace traceur;
+namespace fs = std::filesystem;
+
+namespace {
+
+const fs::path program = fs::path(TRACEUR_BIN_DIR) / "perform";
+const fs::path humanoid = fs::path(TRACEUR_SOURCE_DIR) / "examples" / "characters" / "humanoid.xml";
+
+/// A folder of its own for each test case, empty at first.
+fs::path fresh(const std::string& name) {
+  const fs::path folder = fs::temp_directory_path() / "traceur-perform" / name;
+  fs::remove_all(folder);
+  fs::create_directories(folder);
+  return folder;
+}
+
+std::string text_of(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream out;
+  out << in.rdbuf();
+  return out.str();
+}
+
+void put(const fs::path& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
+
+/// A person who stands, raises an arm to the side and lowers it again, in one second.
+motion::Clip wave() {
+  motion::Clip c;
+  c.name = "wave";
+  c.skeleton = io::read_mjcf(humanoid).skeleton;
+  constexpr int keys = 31;
+  c.times = Eigen::VectorXd::LinSpaced(keys, 0, 1);
+  c.poses.resize(c.skeleton.nq(), keys);
+  const int shoulder = c.skeleton.find("left_shoulder");
+  REQUIRE(shoulder >= 0);
+  for (int k = 0; k < keys; ++k) {
+    Eigen::VectorXd q = c.skeleton.neutral_pose();
+    q[2] = 0.89;
+    const double angle = 0.6 * (1 - std::cos(2 * 3.14159265358979 * c.times[k]));
+    core::about_axis(core::Vector3<double>{1, 0, 0}, angle).store(q.data() + c.skeleton[shoulder].q_index);
+    c.poses.col(k) = q;
+  }
+  return c;
+}
+
+struct Outcome {
+  int status = -1;
+  std::string out, err;
+};
+
+Outcome shell(const fs::path& folder, const std::string& command) {
+  const fs::path out = folder / "stdout.txt", err = folder / "stderr.txt";
+  const int raw = std::system(("{ " + command + "\n} > '" + out.string() + "' 2> '" + err.string() + "'").c_str());
+  return {WIFEXITED(raw) ? WEXITSTATUS(raw) : -1, text_of(out), text_of(err)};
+}
+
+Outcome perform(const fs::path& folder, const std::string& arguments) { return shell(folder, program.string() + " " + arguments); }
+
+nlohmann::json report_of(const fs::path& out) { return nlohmann::json::parse(text_of(out / "report.json")); }
+
+/// Files in a folder, unfinished ones among them.
+int files_in(const fs::path& folder) {
+  int count = 0;
+  if (fs::exists(folder))
+    for (const auto& entry : fs::recursive_directory_iterator(folder)) count += entry.is_regular_file();
+  return count;
+}
+
+}  // namespace
+
+TEST_CASE("perform: a clip is performed, the same on any number of threads, after an interruption, and from its controller") {
+  REQUIRE(fs::exists(program));
+  const fs::path folder = fresh("job");
+  io::write_clip(folder / "wave.jsonl", wave());
+  const std::string job = (folder / "wave.jsonl").string() + " --quick --perturb --seed 3 --out ";
+  const fs::path one = folder / "one", two = folder / "two", three = folder / "three", four = folder / "four";
+
+  const Outcome first = perform(folder, job + one.string() + " --threads 1");
+  INFO(first.out, first.err);
+  REQUIRE(first.status == 0);
+  CHECK(first.err.empty());
+  for (const char* name : {"controller.json", "open_loop.jsonl", "motion.jsonl", "replay.html", "report.json"}) CHECK(fs::exists(one / name));
+  const auto report = report_of(one);
+  for (const char* key : {"program", "version", "arguments", "clip", "duration_s", "cyclic", "retarget", "open_loop", "closed_loop", "push_Ns",
+                          "simulated_s", "wall_s", "seed", "status"})
+    CHECK_MESSAGE(report.contains(key), key);
+  CHECK(report["program"] == "perform");
+  CHECK(report["status"] == "done");
+  CHECK(!report.contains("why"));
+  CHECK(report["seed"] == 3);
+  CHECK(report["cyclic"] == false);
+  CHECK(report["duration_s"].get<double>() == doctest::Approx(1));
+  CHECK(report["push_Ns"].size() == 8);
+  CHECK(report["open_loop"]["fell"] == false);
+  CHECK(report["open_loop"]["mean_joint_error_m"].get<double>() < 0.1);
+  CHECK(report["closed_loop"]["trials"] == 100);
+  CHECK(report["closed_loop"]["law_numbers"] == 297);
+  CHECK(2 * report["closed_loop"]["survived"].get<int>() >= 100);
+  // The clip stands still, so starts are moved less.
+  CHECK(report["closed_loop"]["start_root_velocity_m_s"] == 0.1);
+  const motion::Clip motion = io::read_clip(one / "motion.jsonl").clip;
+  CHECK(motion.skeleton.size() == wave().skeleton.size());
+  CHECK(motion.duration() > 1);
+
+  const Outcome second = perform(folder, job + two.string() + " --threads 2");
+  CHECK(second.status == 0);
+  CHECK(text_of(two / "controller.json") == text_of(one / "controller.json"));
+  CHECK(text_of(two / "motion.jsonl") == text_of(one / "motion.jsonl"));
+  CHECK(report_of(two)["push_Ns"] == report["push_Ns"]);
+
+  // Stopped while learning: no results yet, and the rest leads to the same bytes.
+  const std::string saved = (three / "state" / "open_loop.json").string();
+  const Outcome stopped = shell(folder, program.string() + " " + job + three.string() + " --threads 2 & pid=$!; while [ ! -e " + saved +
+                                            " ] && kill -0 $pid; do sleep 0.05; done; sleep 0.3; kill -TERM $pid; wait $pid");
+  INFO(stopped.out, stopped.err);
+  CHECK(stopped.status == 1);
+  CHECK(!fs::exists(three / "controller.json"));
+  CHECK(report_of(three)["status"] == "interrupted");
+  CHECK(report_of(three)["why"].get<std::string>().find("--resume") != std::string::npos);
+  const Outcome other_seed = perform(folder, "--resume " + three.string() + " --seed 4");
+  CHECK(other_seed.status == 2);
+  const Outcome resumed = perform(folder, "--resume " + three.string() + " --threads 1");
+  CHECK(resumed.status == 0);
+  CHECK(resumed.out.find("goes on after generation") != std::string::npos);
+  CHECK(text_of(three / "controller.json") == text_of(one / "controller.json"));
+
+  const Outcome replayed = perform(folder, "--controller " + (one / "controller.json").string() + " --quick --perturb --seed 3 --out " + four.string());
+  CHECK(replayed.status == 0);
+  CHECK(report_of(four)["closed_loop"]["survived"] == report["closed_loop"]["survived"]);
+  CHECK(text_of(four / "motion.jsonl") == text_of(one / "motion.jsonl"));
+  CHECK(!fs::exists(four / "controller.json"));
+}
+
+TEST_CASE("perform: bad input is refused in one line that names the fault, and nothing is written") {
+  REQUIRE(fs::exists(program));
+  const fs::path folder = fresh("refused"), out = folder / "out";
+  const std::string clip = (folder / "wave.jsonl").string();
+  io::write_clip(clip, wave());
+  const std::string good = text_of(clip);
+
+  const auto refused = [&](const std::string& arguments, const std::string& named) {
+    CAPTURE(arguments);
+    const int before = files_in(folder);
+    const Outcome o = perform(folder, arguments);
+    CAPTURE(o.err);
+    CHECK(o.status == 2);
+    CHECK(o.err.rfind("perform: ", 0) == 0);
+    CHECK(std::count(o.err.begin(), o.err.end(), '\n') == 1);
+    CHECK_MESSAGE(o.err.find(named) != std::string::npos, named);
+    CHECK(files_in(out) == 0);
+    CHECK(files_in(folder) <= before + 2);  // what the shell kept of the output
+  };
+  const std::string to = " --quick --out " + out.string();
+
+  refused((folder / "absent.bvh").string() + to, "absent.bvh");
+
+  put(folder / "short.jsonl", good.substr(0, good.find('\n', good.find('\n') + 1) + 1));
+  refused((folder / "short.jsonl").string() + to, "short.jsonl");
+
+  std::string broken = good;
+  const std::size_t number = broken.find("\"q\":[") + 5;
+  broken.replace(number, broken.find(',', number) - number, "NaN");
+  put(folder / "nan.jsonl", broken);
+  refused((folder / "nan.jsonl").string() + to, "nan.jsonl");
+
+  put(folder / "map.json", "{\"left_knee\": \"no_such_joint\"}");
+  refused(clip + to + " --joint-map " + (folder / "map.json").string(), "no_such_joint");
+
+  std::string weightless = text_of(humanoid);
+  for (std::size_t at = 0; (at = weightless.find("density=\"1141\"", at)) != std::string::npos;) weightless.replace(at, 14, "density=\"0\"");
+  put(folder / "weightless.xml", weightless);
+  refused(clip + to + " --character " + (folder / "weightless.xml").string(), "mass");
+
+  put(folder / "empty.json", "{\"cell_m\": 0.4, \"corner_m\": [0, 0], \"heights_m\": []}");
+  refused(clip + to + " --terrain " + (folder / "empty.json").string(), "empty.json");
+
+  put(folder / "controller.json", "{\"format\": \"traceur controller 1\"}");
+  refused("--controller " + (folder / "controller.json").string() + to, "controller.json");
+
+  put(folder / "file", "not a folder");
+  refused(clip + " --quick --out " + (folder / "file" / "out").string(), "file");
+  refused(clip + " --quick --out " + out.string() + " --report " + (folder / "file" / "report.json").string(), "file");
+  fs::remove_all(out);
+
+  refused(clip + to + " --sede 3", "--sede");
+  refused(clip + to + " --motion sideways", "sideways");
+  refused(clip + to + " --dt-hz 200", "--dt-hz");
+  refused(clip + to + " --unit 0.01", "unit");
+  refused(clip + " --quick", "--out");
+  refused("--out " + out.string(), "CLIP");
+  refused("--resume " + folder.string(), "--resume");
+}
+
+TEST_CASE("perform: help and version are not errors") {
+  REQUIRE(fs::exists(program));
+  const fs::path folder = fresh("help");
+  const Outcome help = perform(folder, "--help");
+  CHECK(help.status == 0);
+  for (const char* option : {"--character", "--terrain", "--perturb", "--out", "--report", "--resume", "--quick"})
+    CHECK_MESSAGE(help.out.find(option) != std::string::npos, option);
+  CHECK(perform(folder, "--version").out == std::string(TRACEUR_PROJECT_VERSION) + "\n");
+}
