@@ -21,7 +21,8 @@ Json to_json(const Eigen::MatrixXd& m) {
 Eigen::MatrixXd to_matrix(const Json& j) {
   const auto rows = j.at("rows").get<Eigen::Index>(), cols = j.at("cols").get<Eigen::Index>();
   const auto values = j.at("values").get<std::vector<double>>();
-  if (rows < 0 || cols < 0 || static_cast<std::size_t>(rows * cols) != values.size()) throw traceur::Error("a matrix has the wrong size");
+  if (rows < 0 || cols < 0 || static_cast<std::size_t>(rows * cols) != values.size())
+    throw traceur::Error("a matrix has the wrong size");
   return Eigen::Map<const Eigen::MatrixXd>(values.data(), rows, cols);
 }
 
@@ -43,22 +44,26 @@ void JobFolder::begin(const Json& arguments, const std::string& digest) const {
   std::error_code failure;
   fs::create_directories(folder_, failure);
   if (failure) throw traceur::Error(folder_.string() + ": cannot be made: " + failure.message());
-  for (const char* name : {"job.json", "open_loop.json", "cycle.json", "learning.json"}) fs::remove(folder_ / name, failure);
+  for (const char* name : {"job.json", "open_loop.json", "cycle.json", "learning.json"})
+    fs::remove(folder_ / name, failure);
   const Json job{{"version", traceur::core::version_string}, {"digest", digest}, {"arguments", arguments}};
   traceur::io::write_atomically(folder_ / "job.json", job.dump(2) + "\n");
 }
 
 Json JobFolder::read_job() const {
   const fs::path path = folder_ / "job.json";
-  if (!fs::exists(path)) throw traceur::Error("--resume: " + folder_.parent_path().string() + " holds no job to continue");
+  if (!fs::exists(path))
+    throw traceur::Error("--resume: " + folder_.parent_path().string() + " holds no job to continue");
   return read(path);
 }
 
 void JobFolder::check(const std::string& digest) const {
   const Json job = read_job();
   const std::string where = (folder_ / "job.json").string();
-  if (job.value("version", "") != traceur::core::version_string) throw traceur::Error(where + ": begun by another version of this program");
-  if (job.value("digest", "") != digest) throw traceur::Error(where + ": the clip, character or terrain has changed since the job began");
+  if (job.value("version", "") != traceur::core::version_string)
+    throw traceur::Error(where + ": begun by another version of this program");
+  if (job.value("digest", "") != digest)
+    throw traceur::Error(where + ": the clip, character or terrain has changed since the job began");
 }
 
 Json JobFolder::read(const fs::path& path) const {
@@ -108,17 +113,11 @@ void JobFolder::save(const SavedLearning& learning) const {
   std::ostringstream optimizer;
   learning.optimizer.save(optimizer);
   const auto& p = learning.progress;
-  const Json j{{"generation", p.generation},
-               {"seconds", p.seconds},
-               {"perturbation", p.perturbation},
-               {"mean_cost", p.mean_cost},
-               {"mean_success", p.mean_success},
-               {"best_validation", p.best_validation},
-               {"best_law", to_json(p.best_law)},
-               {"since_best", p.since_best},
-               {"simulated_seconds", p.simulated_seconds},
-               {"wall_s", learning.wall_s},
-               {"optimizer", optimizer.str()}};
+  const Json j{
+      {"generation", p.generation},      {"seconds", p.seconds},           {"perturbation", p.perturbation},
+      {"mean_cost", p.mean_cost},        {"mean_success", p.mean_success}, {"best_validation", p.best_validation},
+      {"best_law", to_json(p.best_law)}, {"since_best", p.since_best},     {"simulated_seconds", p.simulated_seconds},
+      {"wall_s", learning.wall_s},       {"optimizer", optimizer.str()}};
   traceur::io::write_atomically(folder_ / "learning.json", j.dump() + "\n");
 }
 
@@ -138,7 +137,8 @@ std::optional<SavedLearning> JobFolder::load_learning() const {
     p.since_best = j.at("since_best").get<int>();
     p.simulated_seconds = j.at("simulated_seconds").get<double>();
     std::istringstream optimizer(j.at("optimizer").get<std::string>());
-    return std::optional<SavedLearning>(SavedLearning{p, traceur::optimize::CmaEs::load(optimizer), j.at("wall_s").get<double>()});
+    return std::optional<SavedLearning>(
+        SavedLearning{p, traceur::optimize::CmaEs::load(optimizer), j.at("wall_s").get<double>()});
   });
 }
 

@@ -2,9 +2,10 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+
+#include <nlohmann/json.hpp>
 
 #include "traceur/control/learn_feedback.hpp"
 #include "traceur/control/sampling_control.hpp"
@@ -24,10 +25,10 @@ struct SavedLearning {
   double wall_s = 0;
 };
 
-/// The folder `state` inside a job's results: what is needed to go on to the same bits after an interruption. Every file
-/// is complete or absent; readers throw traceur::Error that names the file.
+/// The folder `state` inside a job's results: what is needed to go on to the same bits after an interruption. Every
+/// file is complete or absent; readers throw traceur::Error that names the file.
 class JobFolder {
- public:
+public:
   explicit JobFolder(const std::filesystem::path& out) : folder_(out / "state") {}
 
   /// Forgets an older job and notes what this one is: its arguments and a digest of its inputs.
@@ -41,7 +42,7 @@ class JobFolder {
   std::optional<SavedSearch> load_search(const std::string& name) const;
   std::optional<SavedLearning> load_learning() const;
 
- private:
+private:
   nlohmann::ordered_json read(const std::filesystem::path& path) const;
   std::filesystem::path folder_;
 };

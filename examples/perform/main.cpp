@@ -23,8 +23,8 @@ namespace {
 using namespace perform;
 using traceur::control::TrackingReference;
 
-void test_and_show(const Options& options, const Scene& scene, const Learned& learned, const TrackingReference& measured, Performer& performer,
-                   Report& report) {
+void test_and_show(const Options& options, const Scene& scene, const Learned& learned,
+                   const TrackingReference& measured, Performer& performer, Report& report) {
   report.add(performer.test(learned.controller, measured), learned);
   const PushResult pushes = performer.push(learned.controller);
   report.add(pushes);
@@ -32,10 +32,15 @@ void test_and_show(const Options& options, const Scene& scene, const Learned& le
 }
 
 /// Teaches the scene's character the prepared motion.
-void learn(const Options& options, const Scene& scene, const Preparation& preparation, Performer& performer, Report& report) {
+void learn(const Options& options, const Scene& scene, const Preparation& preparation, Performer& performer,
+           Report& report) {
   const Motion &whole = preparation.motions.front(), &learnt = preparation.motions.back();
   const SavedSearch open_loop = performer.search(whole);
   report.add(performer.judge(whole, open_loop));
+  if (options.open_loop) {
+    write_open_loop(options, scene, whole, open_loop);
+    return;
+  }
   const SavedSearch targets = &whole == &learnt ? open_loop : performer.search(learnt);
   const Learned learned = performer.learn(learnt, targets);
 
@@ -67,7 +72,8 @@ int run(const Options& options) {
   Learned given;
   if (!options.controller.empty()) {
     given.controller = traceur::io::read_controller(options.controller, scene.model, scene.roles);
-    std::printf("controller: %s, %s\n", given.controller.clip.c_str(), given.controller.cyclic ? "cyclic" : "done once");
+    std::printf("controller: %s, %s\n", given.controller.clip.c_str(),
+                given.controller.cyclic ? "cyclic" : "done once");
   }
   Report report(options, scene);
   if (!options.clip.empty()) report.add(preparation);

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "options.hpp"
 
-#include <CLI/CLI.hpp>
 #include <fstream>
 #include <map>
+
+#include <CLI/CLI.hpp>
 
 #include "job_folder.hpp"
 #include "traceur/core/error.hpp"
@@ -31,13 +32,15 @@ fs::path absolute_path(const fs::path& path) { return path.empty() ? path : fs::
 /// What the job in the folder was begun with, in place of what this command line leaves open.
 void take_over(Options& o, const Json& begun, const CLI::App& app) {
   const Json given = job_arguments(o);
-  const std::map<std::string, std::string> option_names{{"clip", "CLIP"},         {"joint_map", "--joint-map"}, {"dt_hz", "--dt-hz"},
-                                                        {"up_axis", "--up"},      {"unit_m", "--unit"}};
+  const std::map<std::string, std::string> option_names{{"clip", "CLIP"},     {"joint_map", "--joint-map"},
+                                                        {"dt_hz", "--dt-hz"}, {"open_loop", "--open-loop"},
+                                                        {"up_axis", "--up"},  {"unit_m", "--unit"}};
   for (const auto& [key, value] : given.items()) {
     const auto named = option_names.find(key);
     const std::string option = named != option_names.end() ? named->second : "--" + key;
     if (begun.contains(key) && begun[key] != value && app.count(option) > 0)
-      throw traceur::Error("--resume: " + option + " was " + begun[key].dump() + " when the job began, now " + value.dump());
+      throw traceur::Error("--resume: " + option + " was " + begun[key].dump() + " when the job began, now " +
+                           value.dump());
   }
   const auto path = [&](const char* key) { return fs::path(begun.at(key).get<std::string>()); };
   const auto number = [&](const char* key) {
@@ -58,6 +61,7 @@ void take_over(Options& o, const Json& begun, const CLI::App& app) {
   o.seed = begun.at("seed").get<std::uint64_t>();
   o.perturb = begun.at("perturb").get<bool>();
   o.quick = begun.at("quick").get<bool>();
+  o.open_loop = begun.at("open_loop").get<bool>();
 }
 
 }  // namespace
@@ -78,7 +82,8 @@ Json job_arguments(const Options& o) {
               {"dt_hz", o.dt_hz},
               {"seed", o.seed},
               {"perturb", o.perturb},
-              {"quick", o.quick}};
+              {"quick", o.quick},
+              {"open_loop", o.open_loop}};
 }
 
 std::optional<Options> read_options(int argc, char** argv) {
@@ -91,13 +96,16 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.set_version_flag("--version", std::string(traceur::core::version_string));
   app.add_option("CLIP", o.clip, "motion: BVH, AMC, DeepMimic, AMP or PARC JSON, or our own .jsonl");
   app.add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
-  app.add_option("--terrain", o.terrain, "height grid, JSON, in the clip's coordinates (default: the clip's own, or level ground)");
+  app.add_option("--terrain", o.terrain,
+                 "height grid, JSON, in the clip's coordinates (default: the clip's own, or level ground)");
   app.add_flag("--perturb", o.perturb, "begin the replay from a perturbed start and push the character on the way");
   app.add_option("--out", o.out, "folder for controller.json, motion.jsonl, open_loop.jsonl, replay.html");
   app.add_option("--report", o.report, "report file, JSON (default: report.json in the --out folder)");
   app.add_option("--seed", o.seed, "of all random numbers (default 1)");
-  app.add_option("--threads", o.threads, "number of threads, 0 for all (default); results do not depend on it")->check(CLI::Range(0, 1024));
+  app.add_option("--threads", o.threads, "number of threads, 0 for all (default); results do not depend on it")
+      ->check(CLI::Range(0, 1024));
   app.add_option("--resume", resume, "continue the interrupted job in this folder");
+  app.add_flag("--open-loop", o.open_loop, "stop after the open-loop search");
   app.add_flag("--quick", o.quick, "a run of under a minute, with less effort and poorer results");
   app.add_option("--skeleton", o.skeleton, "skeleton of an AMC or DeepMimic clip (default: found beside it)");
   app.add_option("--joint-map", o.joint_map, "JSON object: the character's joint or landmark -> the clip's joint");
@@ -105,10 +113,13 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--up", o.up, "up axis of a BVH or AMC clip")->check(CLI::IsMember({"detect", "x", "y", "z"}));
   app.add_option("--fps", o.fps, "frames a second of an AMC clip")->check(CLI::PositiveNumber);
   app.add_option("--controller", o.controller, "test and replay this controller instead of learning one");
-  app.add_option("--motion", o.motion, "auto (default), cyclic (a gait without end) or once")->check(CLI::IsMember({"auto", "cyclic", "once"}));
-  app.add_option("--feedback", o.feedback, "size of the feedback law: small (63 numbers a phase) or large (99, default)")
+  app.add_option("--motion", o.motion, "auto (default), cyclic (a gait without end) or once")
+      ->check(CLI::IsMember({"auto", "cyclic", "once"}));
+  app.add_option("--feedback", o.feedback,
+                 "size of the feedback law: small (63 numbers a phase) or large (99, default)")
       ->check(CLI::IsMember({"small", "large"}));
-  app.add_option("--dt-hz", o.dt_hz, "simulation steps a second, a multiple of 60 (default 480)")->check(CLI::Range(120, 60000));
+  app.add_option("--dt-hz", o.dt_hz, "simulation steps a second, a multiple of 60 (default 240)")
+      ->check(CLI::Range(120, 60000));
   app.get_option("CLIP")->type_name("FILE");
   try {
     app.parse(argc, argv);
@@ -122,11 +133,13 @@ std::optional<Options> read_options(int argc, char** argv) {
     throw traceur::Error(what + " (--help lists the options)");
   }
   o.resume = !resume.empty();
-  for (fs::path* p : {&o.clip, &o.character, &o.terrain, &o.skeleton, &o.joint_map, &o.controller, &o.out, &o.report, &resume})
+  for (fs::path* p :
+       {&o.clip, &o.character, &o.terrain, &o.skeleton, &o.joint_map, &o.controller, &o.out, &o.report, &resume})
     *p = absolute_path(*p);
   if (o.character.empty()) o.character = default_character();
   if (o.resume) {
-    if (app.count("--out") > 0 && o.out != resume) throw traceur::Error("--resume: results go to the same folder, leave out --out");
+    if (app.count("--out") > 0 && o.out != resume)
+      throw traceur::Error("--resume: results go to the same folder, leave out --out");
     o.out = resume;
     const Json job = JobFolder(o.out).read_job();
     try {

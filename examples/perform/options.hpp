@@ -2,9 +2,10 @@
 #pragma once
 
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+
+#include <nlohmann/json.hpp>
 
 namespace perform {
 
@@ -23,16 +24,17 @@ struct Options {
   std::string up = "detect";         ///< detect, x, y or z
   std::string motion = "auto";       ///< auto, cyclic or once
   std::string feedback = "large";    ///< small (63 numbers a phase) or large (99)
-  int dt_hz = 480;                   ///< simulation steps a second, a multiple of 60
+  int dt_hz = 240;                   ///< simulation steps a second, a multiple of 60
   std::uint64_t seed = 1;
-  int threads = 0;                   ///< 0: all
+  int threads = 0;  ///< 0: all
   bool perturb = false;
+  bool open_loop = false;  ///< stop after the open-loop search
   bool quick = false;
-  bool resume = false;               ///< continue the job in `out`
+  bool resume = false;  ///< continue the job in `out`
 };
 
-/// Reads the command line; of a job that is resumed, also what it was begun with. Returns nothing when help was asked for
-/// and printed. Throws traceur::Error that names the fault.
+/// Reads the command line; of a job that is resumed, also what it was begun with. Returns nothing when help was asked
+/// for and printed. Throws traceur::Error that names the fault.
 std::optional<Options> read_options(int argc, char** argv);
 
 /// The options that a job's result depends on, as resumed jobs and reports keep them.

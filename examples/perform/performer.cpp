@@ -57,7 +57,8 @@ Performer::Performer(const Scene& scene, const Options& options, const Effort& e
 }
 
 control::SamplingParameters Performer::sampling(const Motion& motion) const {
-  control::SamplingParameters p = effort_.sampling;
+  control::SamplingParameters p =
+      effort_.search((motion.reference.ticks + effort_.sampling.window_ticks - 1) / effort_.sampling.window_ticks);
   p.seed = options_.seed;
   p.steps_per_tick = options_.dt_hz / ticks_per_second;
   p.period_starts = motion.window_starts;
@@ -77,12 +78,13 @@ SavedSearch Performer::search(const Motion& motion) {
   const control::SamplingParameters p = sampling(motion);
   ProgressLine line(motion.cyclic ? "search for a cycle's targets, round" : "search for targets, round", 0, p.rounds);
   SavedSearch out;
-  out.result = control::sample_control<Lane>(scene_.model, simulation_, ground_, cost_, motion.reference, p, executor_, [&](int round, double cost) {
-    char text[64];
-    std::snprintf(text, sizeof text, "cost %.4g", cost);
-    line.tell(round + 1, text);
-    return !interruption_asked();
-  });
+  out.result = control::sample_control<Lane>(scene_.model, simulation_, ground_, cost_, motion.reference, p, executor_,
+                                             [&](int round, double cost) {
+                                               char text[64];
+                                               std::snprintf(text, sizeof text, "cost %.4g", cost);
+                                               line.tell(round + 1, text);
+                                               return !interruption_asked();
+                                             });
   // An interrupted search has no state of its own: it is soon repeated, and its result would differ.
   if (interruption_asked()) throw Interrupted{};
   out.wall_s = clock.seconds();
@@ -101,17 +103,21 @@ OpenLoopResult Performer::judge(const Motion& motion, const SavedSearch& search)
   const control::FallLimits limits;
   const Eigen::Index points = simulated.points.rows() / 3;
   for (int t = 1; t <= simulated.ticks; ++t) {
-    const auto up = [&](const Eigen::MatrixXd& poses) { return Quaternion<double>::from(poses.col(t).data() + 3).rotate(Vector3<double>{0, 0, 1}); };
+    const auto up = [&](const Eigen::MatrixXd& poses) {
+      return Quaternion<double>::from(poses.col(t).data() + 3).rotate(Vector3<double>{0, 0, 1});
+    };
     const Eigen::Vector3d shift = simulated.poses.col(t).head(3) - motion.measured.poses.col(t).head(3);
     double here = 0;
     for (Eigen::Index i = 0; i < points; ++i) {
-      const Eigen::Vector3d d = simulated.points.col(t).segment(3 * i, 3) - motion.measured.points.col(t).segment(3 * i, 3);
+      const Eigen::Vector3d d =
+          simulated.points.col(t).segment(3 * i, 3) - motion.measured.points.col(t).segment(3 * i, 3);
       here += d.norm() / static_cast<double>(points);
       out.mean_local_error_m += (d - shift).norm() / static_cast<double>(points * simulated.ticks);
     }
     out.mean_joint_error_m += here / simulated.ticks;
     out.worst_tick_error_m = std::max(out.worst_tick_error_m, here);
-    out.fell = out.fell || shift.z() < -limits.drop || dot(up(simulated.poses), up(motion.measured.poses)) < std::cos(limits.tilt);
+    out.fell = out.fell || shift.z() < -limits.drop ||
+               dot(up(simulated.poses), up(motion.measured.poses)) < std::cos(limits.tilt);
   }
   return out;
 }
@@ -123,9 +129,10 @@ control::Perturbation Performer::perturbation(const control::Controller& c) cons
   double root = 0, joints = 0;
   for (int t = 0; t <= std::min(6, c.ticks()); ++t) {
     root = std::max(root, c.reference.velocities.col(t).head(3).norm());
-    joints = std::max(joints, c.reference.velocities.col(t).tail(scene_.model.nv - 6).cwiseAbs().maxCoeff());
+    joints = std::max(
+        joints, c.reference.velocities.col(t).tail(scene_.model.nv - 6).norm() / std::sqrt(scene_.model.nv - 6.0));
   }
-  if (root < 0.3 && joints < 1.5) p.root_velocity = 0.1;
+  if (root < 0.3 && joints < 1.0) p.root_velocity = 0.1;
   return p;
 }
 
@@ -139,13 +146,17 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   Runners runners = make_runners(executor_, scene_.model, simulation_, ground_, cost_);
   sim::Lanes<Lane>& lanes = runners[0].lanes();
   control::Controller& c = out.controller;
-  c = motion.cyclic ? control::make_cyclic(lanes, scene_.model, simulation_, scene_.roles, motion.reference, search.result, p, shape)
-                    : control::make_one_shot(lanes, scene_.model, simulation_, scene_.roles, motion.reference, search.result, p, shape);
+  c = motion.cyclic ? control::make_cyclic(lanes, scene_.model, simulation_, scene_.roles, motion.reference,
+                                           search.result, p, shape)
+                    : control::make_one_shot(lanes, scene_.model, simulation_, scene_.roles, motion.reference,
+                                             search.result, p, shape);
   c.clip = motion.clip.name;
 
   control::FeedbackLearning settings = effort_.learning;
   settings.seed = options_.seed;
   settings.starts_moved = perturbation(c);
+  if (c.cyclic) settings.generations = effort_.gait_generations;
+  if (!c.cyclic) settings.starts = effort_.one_shot_starts;
   std::optional<SavedLearning> last = folder_.load_learning();
   if (last && (last->progress.best_law.size() != c.shape.size() || last->optimizer.dimension() != c.shape.size()))
     throw Error((options_.out / "state" / "learning.json").string() + ": belongs to another controller");
@@ -162,13 +173,14 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
     }
     char text[160];
     std::snprintf(text, sizeof text, "%s%.0f %% of the starts' full perturbation, cost %.3g, %.0f %% succeed",
-                  c.cyclic ? (std::to_string(static_cast<int>(s.seconds)) + " s at ").c_str() : "", 100 * s.perturbation, s.mean_cost,
-                  100 * s.mean_success);
+                  c.cyclic ? (std::to_string(static_cast<int>(s.seconds)) + " s at ").c_str() : "",
+                  100 * s.perturbation, s.mean_cost, 100 * s.mean_success);
     line.tell(s.generation, text);
     return !interruption_asked();
   };
   if (!(resumed && resumed->optimizer.finished()))
-    control::learn_feedback(runners, c, settings, executor_, progress, resumed ? &resumed->optimizer : nullptr, resumed ? &resumed->progress : nullptr);
+    control::learn_feedback(runners, c, settings, executor_, progress, resumed ? &resumed->optimizer : nullptr,
+                            resumed ? &resumed->progress : nullptr);
   if (!last) throw Error("learning feedback ended without a generation");
   folder_.save(*last);
   if (interruption_asked()) throw Interrupted{};
@@ -209,13 +221,15 @@ TrialResult Performer::test(const control::Controller& c, const control::Trackin
       const Vector3<Lane> root = Vector3<Lane>::from(lanes.q());
       const Vector3<double> root_reference = Vector3<double>::from(measured.poses.col(t).data());
       for (std::size_t i = 0; i < points; ++i) {
-        const Vector3<double> reference = carry.rotate(Vector3<double>::from(measured.points.col(t).data() + 3 * i) - root_reference);
+        const Vector3<double> reference =
+            carry.rotate(Vector3<double>::from(measured.points.col(t).data() + 3 * i) - root_reference);
         sum += norm(cost_.place(lanes, i) - root - reference.cast<float>().cast<Lane>());
       }
       ++ticks;
     };
     const auto r = runners[static_cast<std::size_t>(worker)].run(
-        c, e, used, [&](int) { return c.law.data(); }, [&](int lane) { return g * width + lane; }, [](int) { return control::Push{}; }, observe);
+        c, e, used, [&](int) { return c.law.data(); }, [&](int lane) { return g * width + lane; },
+        [](int) { return control::Push{}; }, observe);
     for (int l = 0; l < used; ++l) {
       const auto k = static_cast<std::size_t>(g * width + l);
       results[k] = r[static_cast<std::size_t>(l)];
@@ -249,7 +263,9 @@ TrialResult Performer::test(const control::Controller& c, const control::Trackin
 Vector3<double> Performer::push_force(const control::Controller& c, int tick, double angle, double impulse) const {
   const int n = c.ticks();
   // In a flip the heading means little: motions done once are pushed relative to where they began.
-  const double heading = c.cyclic ? c.reference.heading[tick % n] + control::CycleCarry::after(c.reference, tick / n).turn : c.reference.heading[0];
+  const double heading = c.cyclic
+                             ? c.reference.heading[tick % n] + control::CycleCarry::after(c.reference, tick / n).turn
+                             : c.reference.heading[0];
   return impulse / push_s * Vector3<double>{std::cos(heading + angle), std::sin(heading + angle), 0};
 }
 
@@ -351,7 +367,8 @@ Recording Performer::record(const control::Controller& c, double push_Ns) {
     out.push_points.push_back(frames.point(waist, {0, 0, 0.15}));
     out.push_impulses.push_back(pushed ? c.tick * push.force : Vector3<double>{0, 0, 0});
   };
-  runners[0].run(c, e, 1, [&](int) { return c.law.data(); }, [](int) { return 0; }, [&](int) { return push; }, observe);
+  runners[0].run(
+      c, e, 1, [&](int) { return c.law.data(); }, [](int) { return 0; }, [&](int) { return push; }, observe);
   const auto keys = static_cast<Eigen::Index>(poses.size());
   out.clip.name = c.clip + ", simulated";
   out.clip.skeleton = model.character.skeleton;

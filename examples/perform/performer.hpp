@@ -33,7 +33,7 @@ struct TrialResult {
 
 /// The eight directions of pushes, counterclockwise from ahead, seen from above.
 inline constexpr std::array<const char*, 8> push_directions{"forward",  "forward_left",   "left",  "backward_left",
-                                                           "backward", "backward_right", "right", "forward_right"};
+                                                            "backward", "backward_right", "right", "forward_right"};
 
 /// Impulse (N s) that half of the pushes of each direction are survived with.
 struct PushResult {
@@ -63,7 +63,7 @@ struct Learned {
 /// The steps of the job that simulate. Long ones tell how far they are, save what they have and throw Interrupted when
 /// asked to stop.
 class Performer {
- public:
+public:
   Performer(const Scene& scene, const Options& options, const Effort& effort);
 
   /// Searches targets with which the character follows the motion, or takes them from the job's state.
@@ -77,11 +77,13 @@ class Performer {
   /// One performance; from a perturbed start and with a push of `push_Ns` from the right when the user asked for that.
   Recording record(const traceur::control::Controller& controller, double push_Ns);
 
- private:
+private:
   traceur::control::Perturbation perturbation(const traceur::control::Controller& controller) const;
   traceur::control::SamplingParameters sampling(const Motion& motion) const;
-  traceur::control::EpisodeSettings settings(const traceur::control::Controller& controller, std::uint64_t stream) const;
-  traceur::core::Vector3<double> push_force(const traceur::control::Controller& controller, int tick, double angle, double impulse) const;
+  traceur::control::EpisodeSettings settings(const traceur::control::Controller& controller,
+                                             std::uint64_t stream) const;
+  traceur::core::Vector3<double> push_force(const traceur::control::Controller& controller, int tick, double angle,
+                                            double impulse) const;
 
   const Scene& scene_;
   const Options& options_;

@@ -70,17 +70,19 @@ bool alternates(const motion::Clip& cycle) {
 
 /// A gait gets on: it travels, upright, from foot to foot, in cycles of two steps' length in time.
 bool is_gait(const motion::Clip& cycle) {
-  return travel(cycle) > 0.4 && upright(cycle) && cycle.duration() >= 0.4 && cycle.duration() <= 2.0 && alternates(cycle);
+  return travel(cycle) > 0.4 && upright(cycle) && cycle.duration() >= 0.4 && cycle.duration() <= 2.0 &&
+         alternates(cycle);
 }
 
-/// What can be taken for one cycle of the clip: all of it if the file says so or its ends match, else the best interval if
-/// that one's ends do. With `gaits` only what is one.
+/// What can be taken for one cycle of the clip: all of it if the file says so or its ends match, else the best interval
+/// if that one's ends do. With `gaits` only what is one.
 std::optional<motion::Clip> cycle_in(const motion::Clip& clip, bool gaits, std::vector<std::string>& notes) {
   if (clip.cyclic) return !gaits || is_gait(clip) ? std::optional(clip) : std::nullopt;
   // Of a gait one half is taken and closed, so that its whole need not end quite as it began.
   const motion::CycleLimits strict, lenient{0.3, 5.0, 1.0, 0.3};
   const auto closes = [&](const motion::CycleMisfit& m, const motion::CycleLimits& limits) {
-    return m.position_m <= limits.position_m && m.velocity_m_s <= limits.velocity_m_s && m.joint_rad <= limits.joint_rad && m.tilt_rad <= limits.tilt_rad;
+    return m.position_m <= limits.position_m && m.velocity_m_s <= limits.velocity_m_s &&
+           m.joint_rad <= limits.joint_rad && m.tilt_rad <= limits.tilt_rad;
   };
   motion::CycleSearch search;
   search.longest = 2.0;
@@ -96,7 +98,8 @@ std::optional<motion::Clip> cycle_in(const motion::Clip& clip, bool gaits, std::
       const motion::Clip part = motion::cut(clip, i.from, i.to);
       if (gait && !is_gait(part)) continue;
       char text[120];
-      std::snprintf(text, sizeof text, "a cycle from %.3f to %.3f s, its ends %.3f m apart", i.from, i.to, misfit.position_m);
+      std::snprintf(text, sizeof text, "a cycle from %.3f to %.3f s, its ends %.3f m apart", i.from, i.to,
+                    misfit.position_m);
       notes.emplace_back(text);
       return part;
     }
@@ -107,7 +110,8 @@ void finish(Motion& m, const motion::Clip& clip, double seconds, const Scene& sc
   const auto points = control::tracked_points(scene.model, scene.roles);
   m.clip = clip;
   m.measured = control::make_reference(scene.model, scene.roles, points, clip, seconds, tick);
-  m.reference = control::make_reference(scene.model, scene.roles, points, motion::smooth(clip, effort.smoothing_s), seconds, tick);
+  m.reference = control::make_reference(scene.model, scene.roles, points, motion::smooth(clip, effort.smoothing_s),
+                                        seconds, tick);
 }
 
 Motion once(motion::Clip clip, const Scene& scene, const Effort& effort) {
@@ -118,23 +122,27 @@ Motion once(motion::Clip clip, const Scene& scene, const Effort& effort) {
   return m;
 }
 
-Motion gait(const motion::Clip& cycle, const std::string& name, const Scene& scene, const Effort& effort, std::vector<std::string>& notes) {
+Motion gait(const motion::Clip& cycle, const std::string& name, const Scene& scene, const Effort& effort,
+            std::vector<std::string>& notes) {
   Motion m;
   m.name = name;
   m.cyclic = true;
   const motion::Mirror mirror(scene.model.character.skeleton);
   m.mirrored = alternates(cycle);
   char text[160];
-  std::snprintf(text, sizeof text, "a cycle of %.3f s, its halves %.3f m from each other's mirror image: %s", cycle.duration(),
-                half_cycle_misfit(cycle, mirror), m.mirrored ? "made symmetric" : "kept apart");
+  std::snprintf(text, sizeof text, "a cycle of %.3f s, its halves %.3f m from each other's mirror image: %s",
+                cycle.duration(), half_cycle_misfit(cycle, mirror), m.mirrored ? "made symmetric" : "kept apart");
   notes.emplace_back(text);
-  motion::Clip clip = m.mirrored ? motion::symmetrize_gait(cycle, mirror, motion::GaitHalf::first) : motion::close_cycle(cycle);
+  motion::Clip clip =
+      m.mirrored ? motion::symmetrize_gait(cycle, mirror, motion::GaitHalf::first) : motion::close_cycle(cycle);
   const int parts = m.mirrored ? 2 : 1;
   m.period_ticks = std::max(12, static_cast<int>(std::lround(clip.duration() / parts / tick)));
   clip = motion::scale_duration(clip, m.period_ticks * parts * tick / clip.duration());
   const int windows = std::max(1, static_cast<int>(std::lround(m.period_ticks / 6.0)));
-  for (int i = 0; i < windows; ++i) m.window_starts.push_back(static_cast<int>(std::lround(i * m.period_ticks / static_cast<double>(windows))));
-  finish(m, clip, clip.duration() * std::max(3, static_cast<int>(std::ceil(effort.least_search_s / clip.duration()))), scene, effort);
+  for (int i = 0; i < windows; ++i)
+    m.window_starts.push_back(static_cast<int>(std::lround(i * m.period_ticks / static_cast<double>(windows))));
+  finish(m, clip, clip.duration() * std::max(3, static_cast<int>(std::ceil(effort.least_search_s / clip.duration()))),
+         scene, effort);
   return m;
 }
 
@@ -182,7 +190,8 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
   std::printf("%s", loaded.report.text().c_str());
   if (loaded.terrain && !scene.terrain) {
     const io::TerrainHeights& t = *loaded.terrain;
-    scene.terrain.emplace(t.heights, t.dx, t.min_point.x() - 0.5 * t.dx, t.min_point.y() - 0.5 * t.dx, o.clip.string() + ": terrain");
+    scene.terrain.emplace(t.heights, t.dx, t.min_point.x() - 0.5 * t.dx, t.min_point.y() - 0.5 * t.dx,
+                          o.clip.string() + ": terrain");
   }
   // A clip on terrain belongs where it is.
   options.align = !scene.terrain;
@@ -197,7 +206,8 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
   std::optional<motion::Clip> cycle;
   if (o.motion != "once" && level) cycle = cycle_in(out.clip, o.motion == "auto", out.notes);
   if (o.motion == "cyclic" && !cycle)
-    throw Error(o.clip.string() + ": --motion cyclic: " + (level ? "no part of the clip ends as it begins" : "expected level ground"));
+    throw Error(o.clip.string() +
+                ": --motion cyclic: " + (level ? "no part of the clip ends as it begins" : "expected level ground"));
   if (!cycle) out.notes.emplace_back("no gait: done once");
   if (!cycle || !out.clip.cyclic) out.motions.push_back(once(out.clip, scene, effort));
   if (cycle) out.motions.push_back(gait(*cycle, out.motions.empty() ? "open_loop" : "cycle", scene, effort, out.notes));
@@ -211,7 +221,9 @@ std::string digest(const Scene& scene, const Preparation& p) {
     const auto* c = static_cast<const unsigned char*>(data);
     for (std::size_t i = 0; i < bytes; ++i) h = (h ^ c[i]) * 0x100000001b3u;
   };
-  const auto add_matrix = [&](const Eigen::MatrixXd& m) { add(m.data(), static_cast<std::size_t>(m.size()) * sizeof(double)); };
+  const auto add_matrix = [&](const Eigen::MatrixXd& m) {
+    add(m.data(), static_cast<std::size_t>(m.size()) * sizeof(double));
+  };
   add(scene.character_text.data(), scene.character_text.size());
   if (scene.terrain) add_matrix(scene.terrain->heights());
   for (const Motion& m : p.motions) {

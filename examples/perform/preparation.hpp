@@ -20,29 +20,31 @@ struct Scene {
   traceur::control::Roles roles;
   std::optional<traceur::terrain::HeightGrid> terrain;  ///< level ground at 0 without
   std::string character_text;                           ///< of the character's file
-  traceur::sim::Ground<float> ground() const { return terrain ? traceur::sim::Ground<float>(*terrain) : traceur::sim::Ground<float>(); }
+  traceur::sim::Ground<float> ground() const {
+    return terrain ? traceur::sim::Ground<float>(*terrain) : traceur::sim::Ground<float>();
+  }
 };
 
 /// A motion to be searched: the clip on the character, and on the ticks of control.
 struct Motion {
-  std::string name;                                     ///< of its state file
-  traceur::motion::Clip clip;                           ///< one cycle of a gait; not smoothed
+  std::string name;            ///< of its state file
+  traceur::motion::Clip clip;  ///< one cycle of a gait; not smoothed
   bool cyclic = false;
-  traceur::control::TrackingReference reference;        ///< smoothed, what is searched and learnt for
-  traceur::control::TrackingReference measured;         ///< not smoothed, what errors are measured against
-  std::vector<int> window_starts;                       ///< of a gait, see SamplingParameters
-  int period_ticks = 0;                                 ///< of a gait, of half a period when mirrored
-  bool mirrored = false;                                ///< the second half is the mirror image of the first
+  traceur::control::TrackingReference reference;  ///< smoothed, what is searched and learnt for
+  traceur::control::TrackingReference measured;   ///< not smoothed, what errors are measured against
+  std::vector<int> window_starts;                 ///< of a gait, see SamplingParameters
+  int period_ticks = 0;                           ///< of a gait, of half a period when mirrored
+  bool mirrored = false;                          ///< the second half is the mirror image of the first
 };
 
 /// All that is known before anything is simulated.
 struct Preparation {
   traceur::io::LoadReport loaded;
-  nlohmann::ordered_json retarget;           ///< of the report
-  traceur::motion::Clip clip;                ///< on the character, not smoothed
+  nlohmann::ordered_json retarget;  ///< of the report
+  traceur::motion::Clip clip;       ///< on the character, not smoothed
   traceur::motion::FlightConsistency flight;
-  std::vector<std::string> notes;            ///< what was decided about the motion
-  std::vector<Motion> motions;               ///< the first is followed open loop, the last is learnt with feedback
+  std::vector<std::string> notes;  ///< what was decided about the motion
+  std::vector<Motion> motions;     ///< the first is followed open loop, the last is learnt with feedback
 };
 
 /// The character and the ground of the user's files; `Preparation` may bring ground of its own. Throws traceur::Error.

@@ -14,16 +14,17 @@ void listen_for_interruption();
 bool interruption_asked();
 
 class Clock {
- public:
+public:
   double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count(); }
 
- private:
+private:
   std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
 };
 
-/// Lines about a long step, with the time that is left if it goes on as it has; at most one every two seconds, and the last.
+/// Lines about a long step, with the time that is left if it goes on as it has; at most one every two seconds, and the
+/// last.
 class ProgressLine {
- public:
+public:
   ProgressLine(const char* step, int done, int all) : step_(step), first_(done), all_(all) {}
 
   void tell(int done, const char* detail) {
@@ -35,7 +36,7 @@ class ProgressLine {
     std::fflush(stdout);
   }
 
- private:
+private:
   const char* step_;
   int first_, all_;
   double told_ = 0;

@@ -115,9 +115,12 @@ void Report::add(const Preparation& p) {
 }
 
 void Report::add(const OpenLoopResult& r) {
-  json_["open_loop"] = Json{{"mean_joint_error_m", r.mean_joint_error_m}, {"mean_local_error_m", r.mean_local_error_m},
-                            {"worst_tick_error_m", r.worst_tick_error_m}, {"fell", r.fell},
-                            {"wall_s", r.wall_s},                         {"simulated_s", r.simulated_s}};
+  json_["open_loop"] = Json{{"mean_joint_error_m", r.mean_joint_error_m},
+                            {"mean_local_error_m", r.mean_local_error_m},
+                            {"worst_tick_error_m", r.worst_tick_error_m},
+                            {"fell", r.fell},
+                            {"wall_s", r.wall_s},
+                            {"simulated_s", r.simulated_s}};
   simulated_s_ += r.simulated_s;
   facts_.emplace_back("open loop, mean joint error", rounded(100 * r.mean_joint_error_m, 1, "cm"));
 }
@@ -142,9 +145,13 @@ void Report::add(const TrialResult& t, const Learned& l) {
   simulated_s_ += l.simulated_s + t.simulated_s;
   facts_.emplace_back("survived", std::to_string(t.survived) + " of " + std::to_string(t.trials) + " unseen starts");
   if (!cyclic) facts_.emplace_back("held the end pose", std::to_string(t.held) + " of " + std::to_string(t.trials));
-  if (t.survived > 0) facts_.emplace_back("closed loop, mean joint error", rounded(100 * t.mean_joint_error_m, 1, "cm, root taken off"));
-  if (cyclic) facts_.emplace_back("speed", rounded(t.mean_speed_m_s, 2, "m/s, ") + "clip " + rounded(t.clip_speed_m_s, 2, "m/s"));
-  if (2 * t.survived < t.trials) failed("the closed loop fell in " + std::to_string(t.trials - t.survived) + " of " + std::to_string(t.trials) + " trials");
+  if (t.survived > 0)
+    facts_.emplace_back("closed loop, mean joint error", rounded(100 * t.mean_joint_error_m, 1, "cm, root taken off"));
+  if (cyclic)
+    facts_.emplace_back("speed", rounded(t.mean_speed_m_s, 2, "m/s, ") + "clip " + rounded(t.clip_speed_m_s, 2, "m/s"));
+  if (2 * t.survived < t.trials)
+    failed("the closed loop fell in " + std::to_string(t.trials - t.survived) + " of " + std::to_string(t.trials) +
+           " trials");
 }
 
 void Report::add(const PushResult& r) {
@@ -167,7 +174,8 @@ int Report::write(double wall_s) {
   json_["status"] = why_.empty() ? "done" : interrupted_ ? "interrupted" : "failed";
   if (!why_.empty()) json_["why"] = why_;
   io::write_atomically(options_.report, json_.dump(2) + "\n");
-  std::printf("%s%s\nreport: %s\n", json_["status"].get<std::string>().c_str(), why_.empty() ? "" : (": " + why_).c_str(), options_.report.string().c_str());
+  std::printf("%s%s\nreport: %s\n", json_["status"].get<std::string>().c_str(),
+              why_.empty() ? "" : (": " + why_).c_str(), options_.report.string().c_str());
   return why_.empty() ? 0 : 1;
 }
 
@@ -182,7 +190,9 @@ void write_recording(const Options& options, const Scene& scene, const Recording
   simulated.name = "simulated";
   simulated.fps = static_cast<float>((r.clip.keys() - 1) / r.clip.duration());
   simulated.poses = replay_poses(skeleton, r.clip.poses);
-  const auto triple = [](const core::Vector3<double>& v) { return std::array<float, 3>{static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)}; };
+  const auto triple = [](const core::Vector3<double>& v) {
+    return std::array<float, 3>{static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
+  };
   bool any_push = false;
   for (std::size_t k = 0; k < r.contacts.size(); ++k) {
     std::vector<std::array<float, 6>>& frame = simulated.contacts.emplace_back();
@@ -213,7 +223,8 @@ void write_open_loop(const Options& options, const Scene& scene, const Motion& m
   clip.skeleton = scene.model.character.skeleton;
   clip.poses = search.result.poses;
   for (Eigen::Index k = 0; k < clip.poses.cols(); ++k) body::normalize(clip.skeleton, clip.poses.col(k).data());
-  clip.times = Eigen::VectorXd::LinSpaced(clip.poses.cols(), 0, static_cast<double>(clip.poses.cols() - 1) * motion.reference.dt);
+  clip.times = Eigen::VectorXd::LinSpaced(clip.poses.cols(), 0,
+                                          static_cast<double>(clip.poses.cols() - 1) * motion.reference.dt);
   io::write_clip(options.out / "open_loop.jsonl", clip);
 }
 

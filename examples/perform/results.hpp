@@ -10,7 +10,7 @@ namespace perform {
 
 /// The job's report, filled as the job goes on; written once, at its end.
 class Report {
- public:
+public:
   /// Throws traceur::Error when the report or the results could not be written there.
   Report(const Options& options, const Scene& scene);
 
@@ -27,7 +27,7 @@ class Report {
   /// The numbers that a viewer of the replay wants to see.
   const std::vector<std::pair<std::string, std::string>>& facts() const { return facts_; }
 
- private:
+private:
   const Options& options_;
   nlohmann::ordered_json json_;
   std::string why_;

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <sys/wait.h>
-
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -10,6 +8,7 @@
 
 #include <doctest/doctest.h>
 #include <nlohmann/json.hpp>
+#include <sys/wait.h>
 
 #include <traceur/io/clip_file.hpp>
 #include <traceur/io/mjcf.hpp>
@@ -70,7 +69,9 @@ Outcome shell(const fs::path& folder, const std::string& command) {
   return {WIFEXITED(raw) ? WEXITSTATUS(raw) : -1, text_of(out), text_of(err)};
 }
 
-Outcome perform(const fs::path& folder, const std::string& arguments) { return shell(folder, program.string() + " " + arguments); }
+Outcome perform(const fs::path& folder, const std::string& arguments) {
+  return shell(folder, program.string() + " " + arguments);
+}
 
 nlohmann::json report_of(const fs::path& out) { return nlohmann::json::parse(text_of(out / "report.json")); }
 
@@ -84,7 +85,8 @@ int files_in(const fs::path& folder) {
 
 }  // namespace
 
-TEST_CASE("perform: a clip is performed, the same on any number of threads, after an interruption, and from its controller") {
+TEST_CASE(
+    "perform: a clip is performed, the same on any number of threads, after an interruption, and from its controller") {
   REQUIRE(fs::exists(program));
   const fs::path folder = fresh("job");
   io::write_clip(folder / "wave.jsonl", wave());
@@ -95,10 +97,11 @@ TEST_CASE("perform: a clip is performed, the same on any number of threads, afte
   INFO(first.out, first.err);
   REQUIRE(first.status == 0);
   CHECK(first.err.empty());
-  for (const char* name : {"controller.json", "open_loop.jsonl", "motion.jsonl", "replay.html", "report.json"}) CHECK(fs::exists(one / name));
+  for (const char* name : {"controller.json", "open_loop.jsonl", "motion.jsonl", "replay.html", "report.json"})
+    CHECK(fs::exists(one / name));
   const auto report = report_of(one);
-  for (const char* key : {"program", "version", "arguments", "clip", "duration_s", "cyclic", "retarget", "open_loop", "closed_loop", "push_Ns",
-                          "simulated_s", "wall_s", "seed", "status"})
+  for (const char* key : {"program", "version", "arguments", "clip", "duration_s", "cyclic", "retarget", "open_loop",
+                          "closed_loop", "push_Ns", "simulated_s", "wall_s", "seed", "status"})
     CHECK_MESSAGE(report.contains(key), key);
   CHECK(report["program"] == "perform");
   CHECK(report["status"] == "done");
@@ -126,8 +129,9 @@ TEST_CASE("perform: a clip is performed, the same on any number of threads, afte
 
   // Stopped while learning: no results yet, and the rest leads to the same bytes.
   const std::string saved = (three / "state" / "open_loop.json").string();
-  const Outcome stopped = shell(folder, program.string() + " " + job + three.string() + " --threads 2 & pid=$!; while [ ! -e " + saved +
-                                            " ] && kill -0 $pid; do sleep 0.05; done; sleep 0.3; kill -TERM $pid; wait $pid");
+  const Outcome stopped =
+      shell(folder, program.string() + " " + job + three.string() + " --threads 2 & pid=$!; while [ ! -e " + saved +
+                        " ] && kill -0 $pid; do sleep 0.05; done; sleep 0.3; kill -TERM $pid; wait $pid");
   INFO(stopped.out, stopped.err);
   CHECK(stopped.status == 1);
   CHECK(!fs::exists(three / "controller.json"));
@@ -140,7 +144,8 @@ TEST_CASE("perform: a clip is performed, the same on any number of threads, afte
   CHECK(resumed.out.find("goes on after generation") != std::string::npos);
   CHECK(text_of(three / "controller.json") == text_of(one / "controller.json"));
 
-  const Outcome replayed = perform(folder, "--controller " + (one / "controller.json").string() + " --quick --perturb --seed 3 --out " + four.string());
+  const Outcome replayed = perform(folder, "--controller " + (one / "controller.json").string() +
+                                               " --quick --perturb --seed 3 --out " + four.string());
   CHECK(replayed.status == 0);
   CHECK(report_of(four)["closed_loop"]["survived"] == report["closed_loop"]["survived"]);
   CHECK(text_of(four / "motion.jsonl") == text_of(one / "motion.jsonl"));
@@ -183,7 +188,8 @@ TEST_CASE("perform: bad input is refused in one line that names the fault, and n
   refused(clip + to + " --joint-map " + (folder / "map.json").string(), "no_such_joint");
 
   std::string weightless = text_of(humanoid);
-  for (std::size_t at = 0; (at = weightless.find("density=\"1141\"", at)) != std::string::npos;) weightless.replace(at, 14, "density=\"0\"");
+  for (std::size_t at = 0; (at = weightless.find("density=\"1141\"", at)) != std::string::npos;)
+    weightless.replace(at, 14, "density=\"0\"");
   put(folder / "weightless.xml", weightless);
   refused(clip + to + " --character " + (folder / "weightless.xml").string(), "mass");
 
