@@ -82,18 +82,29 @@ inline std::array<int, 2> longest_flight(const Eigen::VectorXd& body_force, int 
   return best;
 }
 
-/// A controller for a motion done once: the sampled targets, and a law of three phases, before, during and after flight
-/// (equal thirds of the time where nothing flies). The law's numbers are zero.
-template <class S>
-Controller make_one_shot(sim::Lanes<S>& lanes, const sim::Model& model, const sim::Parameters& simulation, const Roles& roles,
-                         const TrackingReference& reference, const SampledControl& sampled, const SamplingParameters& sampling,
-                         const FeedbackShape& shape) {
+namespace detail {
+
+/// What every controller takes over from the search it comes from.
+inline Controller begin_controller(const sim::Model& model, const sim::Parameters& simulation, const TrackingReference& reference,
+                                   const SamplingParameters& sampling, const FeedbackShape& shape) {
   Controller c;
   c.character = model.character.name;
   c.tick = reference.dt;
   c.steps_per_tick = sampling.steps_per_tick;
   c.simulation = simulation;
   c.shape = shape;
+  return c;
+}
+
+}  // namespace detail
+
+/// A controller for a motion done once: the sampled targets, and a law of three phases, before, during and after flight
+/// (equal thirds of the time where nothing flies). The law's numbers are zero.
+template <class S>
+Controller make_one_shot(sim::Lanes<S>& lanes, const sim::Model& model, const sim::Parameters& simulation, const Roles& roles,
+                         const TrackingReference& reference, const SampledControl& sampled, const SamplingParameters& sampling,
+                         const FeedbackShape& shape) {
+  Controller c = detail::begin_controller(model, simulation, reference, sampling, shape);
   c.targets = sampled.targets;
   c.reference = reference;
   c.start_pose = reference.poses.col(0);
@@ -120,13 +131,8 @@ template <class S>
 Controller make_cyclic(sim::Lanes<S>& lanes, const sim::Model& model, const sim::Parameters& simulation, const Roles& roles,
                        const TrackingReference& reference, const SampledControl& sampled, const SamplingParameters& sampling,
                        const FeedbackShape& shape) {
-  Controller c;
-  c.character = model.character.name;
+  Controller c = detail::begin_controller(model, simulation, reference, sampling, shape);
   c.cyclic = true;
-  c.tick = reference.dt;
-  c.steps_per_tick = sampling.steps_per_tick;
-  c.simulation = simulation;
-  c.shape = shape;
   if (!sampling.tied() || sampled.tied_offsets.cols() != static_cast<Eigen::Index>(sampling.period_starts.size()))
     throw Error("cyclic controller: expected targets sampled with tied windows");
   const int part = sampling.period_ticks;

@@ -17,6 +17,7 @@
 
 #include "traceur/body/character.hpp"
 #include "traceur/motion/align.hpp"
+#include "traceur/motion/blend.hpp"
 #include "traceur/motion/joint_map.hpp"
 
 namespace traceur::motion {
@@ -143,11 +144,6 @@ inline Quat swing(const Vec& a, const Vec& b) {
 }
 
 inline double angle_between(const Vec& a, const Vec& b) { return std::atan2(norm(cross(a, b)), dot(a, b)); }
-
-inline double smoothstep(double from, double to, double x) {
-  const double u = std::clamp((x - from) / (to - from), 0.0, 1.0);
-  return u * u * (3 - 2 * u);
-}
 
 /// Weighted mean of rotations that are near one another.
 struct MeanRotation {
@@ -992,7 +988,7 @@ class Retargeter {
         const Quat straight = swing(carried.rotate(target_.bones[side][b].local), d) * carried;
         Quat& out = g.twist[side][b / 2];
         out = straight;
-        const double known = smoothstep(0.2, 0.6, angle_between(d, next));
+        const double known = smoothstep((angle_between(d, next) - 0.2) / (0.6 - 0.2));
         if (known > 0) {
           double twist = core::twist_angle(bent(side, b, d, next) * straight.conjugate(), d);
           // A limb bent the wrong way round is overstretched, not twisted by half a turn.
