@@ -5,16 +5,17 @@ set -eu
 
 required="g++ cmake ninja-build libeigen3-dev doctest-dev libpugixml-dev nlohmann-json3-dev libcli11-dev"
 # What rests on one of these is left out of the build where the system does not offer it.
-optional="libceres-dev libnlopt-dev libbenchmark-dev libmujoco-dev"
+optional="libceres-dev libnlopt-dev libbenchmark-dev libmujoco-dev libbullet-dev libode-dev libdart-dev"
 
 if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
   cat >&2 <<'END'
 This is neither Debian nor Ubuntu. Install these (names may differ between releases), then run cmake again:
-  Fedora:   gcc-c++ cmake ninja-build eigen3-devel doctest-devel pugixml-devel json-devel cli11-devel ceres-solver-devel NLopt-devel google-benchmark-devel
-  Arch:     gcc cmake ninja eigen doctest pugixml nlohmann-json cli11 ceres-solver nlopt benchmark
-  Homebrew: cmake ninja eigen doctest pugixml nlohmann-json cli11 ceres-solver nlopt google-benchmark
-  vcpkg:    eigen3 doctest pugixml nlohmann-json cli11 ceres nlopt benchmark
-MuJoCo, which is optional, is at https://github.com/google-deepmind/mujoco/releases.
+  Fedora:   gcc-c++ cmake ninja-build eigen3-devel doctest-devel pugixml-devel json-devel cli11-devel ceres-solver-devel NLopt-devel google-benchmark-devel bullet-devel ode-devel
+  Arch:     gcc cmake ninja eigen doctest pugixml nlohmann-json cli11 ceres-solver nlopt benchmark bullet ode
+  Homebrew: cmake ninja eigen doctest pugixml nlohmann-json cli11 ceres-solver nlopt google-benchmark bullet ode dartsim
+  vcpkg:    eigen3 doctest pugixml nlohmann-json cli11 ceres nlopt benchmark bullet3 ode dartsim
+MuJoCo, which is optional, is at https://github.com/google-deepmind/mujoco/releases, DART, optional too, at
+https://dartsim.github.io.
 END
   exit 1
 fi

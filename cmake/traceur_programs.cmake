@@ -6,7 +6,7 @@ cmake_path(NORMAL_PATH TRACEUR_INCLUDE_DIR)
 # Third-party includes and the component each belongs to. Of two expressions that match, the first counts.
 set(TRACEUR_INCLUDE_OWNERS
   "pugixml" io "nlohmann/" io "ceres/" ceres "nlopt" nlopt "mujoco/" mujoco
-  "dart/" dart "ode/" ode "btBullet|bullet/" bullet "CLI/" cli11 "benchmark/" benchmark)
+  "dart/" dart "ode/" ode "Bullet|btBullet|LinearMath/|bullet/" bullet "CLI/" cli11 "benchmark/" benchmark)
 
 # traceur_headers(<variable>) lists every public header, relative to include/. Headers in a detail folder are not public.
 function(traceur_headers variable)
@@ -90,16 +90,34 @@ function(traceur_available variable)
 endfunction()
 
 # traceur_own(<target>) gives one of traceur's own targets its warnings, the machine's instructions, and every component
-# that was found.
+# that was found; physics engines only where its sources include them.
 function(traceur_own target)
+  get_target_property(sources ${target} SOURCES)
+  get_target_property(base ${target} SOURCE_DIR)
+  list(FILTER sources INCLUDE REGEX "\\.cpp$")
+  list(TRANSFORM sources PREPEND ${base}/ REGEX "^[^/]")
+  traceur_requirements(required ${sources})
+  # Distributions build DART without the machine's wide registers, and the alignment of the Eigen types that it shares
+  # with its callers depends on them.
+  set(native ${TRACEUR_NATIVE})
+  if("dart" IN_LIST required)
+    set(native OFF)
+  endif()
   # g++ 12 sees uninitialised registers inside its own AVX-512 intrinsics.
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wconversion -Wshadow
     $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>
-    $<$<BOOL:${TRACEUR_WERROR}>:-Werror> $<$<BOOL:${TRACEUR_NATIVE}>:-march=native>)
+    $<$<BOOL:${TRACEUR_WERROR}>:-Werror> $<$<BOOL:${native}>:-march=native>)
   set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF)
   target_link_libraries(${target} PRIVATE traceur::traceur)
-  foreach(library traceur::io traceur::ceres traceur::nlopt traceur::mujoco CLI11::CLI11)
+  set(engines mujoco bullet ode dart)
+  foreach(library traceur::io traceur::ceres traceur::nlopt CLI11::CLI11)
     if(TARGET ${library})
+      target_link_libraries(${target} PRIVATE ${library})
+    endif()
+  endforeach()
+  foreach(engine IN LISTS engines)
+    set(library traceur::${engine})
+    if(TARGET ${library} AND engine IN_LIST required)
       target_link_libraries(${target} PRIVATE ${library})
     endif()
   endforeach()

@@ -7,10 +7,13 @@
 // defaults, so it is asked for no more than we do. Both sides must stay upright all the time or the run fails.
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <vector>
@@ -52,15 +55,15 @@ Eigen::VectorXd standing(const traceur::body::Skeleton& s) {
   return q;
 }
 
-/// Targets at a time: both arms swing, the trunk twists, one cycle in two seconds.
+/// Targets at a time: both arms swing, the trunk twists, one cycle in two seconds, begun gently.
 class Wave {
 public:
   explicit Wave(const traceur::body::Skeleton& s) : rest_(standing(s)) {
     for (const char* joint : {"abdomen", "left_shoulder", "right_shoulder"}) at_.push_back(s[s.find(joint)].q_index);
   }
-  void operator()(double time, Eigen::VectorXd& q) const {
+  void operator()(double time, double phase, Eigen::VectorXd& q) const {
     q = rest_;
-    const double a = std::sin(3.14159265358979 * time);
+    const double a = std::min(1.0, time / 3) * std::sin(3.14159265358979 * (time + phase));
     exp_map(Vector{0.05 * a, 0, 0.2 * a}).store(q.data() + at_[0]);
     exp_map(Vector{-0.2 + 0.2 * a, 0.4 * a, 0}).store(q.data() + at_[1]);
     exp_map(Vector{0.2 + 0.2 * a, -0.4 * a, 0}).store(q.data() + at_[2]);
@@ -71,6 +74,38 @@ private:
   Eigen::VectorXd rest_;
   std::vector<int> at_;
 };
+
+/// Twenty boxes: a low platform that the humanoid stands on, and blocks and walls around it, some within reach.
+traceur::sim::Scene obstacles() {
+  const auto level = traceur::core::Quaternion<double>::identity();
+  std::vector<traceur::terrain::Box> boxes{{{0, 0, 0.1}, {0.5, 0.5, 0.1}, level}};
+  for (int i = 0; i < 19; ++i) {
+    const double angle = 2.399963 * i, distance = 0.9 + 0.15 * i, height = 0.2 + 0.05 * (i % 7);
+    boxes.push_back({{distance * std::cos(angle), distance * std::sin(angle), height},
+                     {0.1, 0.1, height},
+                     about_axis(Vector{0, 0, 1}, angle)});
+  }
+  return {traceur::sim::Ground<double>(), traceur::terrain::BoxScene(std::move(boxes))};
+}
+constexpr double platform = 0.2;  // m
+
+/// A model file with the scene's boxes in its world.
+std::string with_boxes(const std::string& path, const traceur::sim::Scene& scene) {
+  std::ifstream file(path);
+  std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+  std::string geoms;
+  for (const traceur::terrain::Box& b : scene.boxes.boxes()) {
+    char line[300];
+    std::snprintf(line, sizeof line,
+                  "<geom type=\"box\" pos=\"%.9g %.9g %.9g\" size=\"%.9g %.9g %.9g\" quat=\"%.9g %.9g %.9g %.9g\"/>\n",
+                  b.center.x, b.center.y, b.center.z, b.half_size.x, b.half_size.y, b.half_size.z, b.rotation.w,
+                  b.rotation.x, b.rotation.y, b.rotation.z);
+    geoms += line;
+  }
+  const auto at = text.rfind("</worldbody>");
+  if (at == std::string::npos) throw traceur::Error(path + ": has no </worldbody>");
+  return text.insert(at, geoms);
+}
 
 /// One side of the comparison: runs on from where it is and tells its steps (times lanes) per CPU second.
 class Side {
@@ -102,10 +137,21 @@ private:
 
 class MuJoCo : public Side {
 public:
-  MuJoCo(std::string name, const std::string& path, const traceur::body::Skeleton& s, bool pgs)
-      : Side(std::move(name)), wave_(s), skeleton_(s), q_(wave_.rest()) {
+  MuJoCo(std::string name, const std::string& path, const traceur::body::Skeleton& s, bool pgs,
+         const traceur::sim::Scene* scene = nullptr)
+      : Side(std::move(name)), wave_(s), skeleton_(s), q_(wave_.rest()), raised_(scene ? platform : 0) {
     char error[1000] = "";
-    model_.reset(mj_loadXML(path.c_str(), nullptr, error, sizeof error));
+    if (scene) {
+      const std::string text = with_boxes(path, *scene);
+      const auto files = std::make_unique<mjVFS>();
+      mj_defaultVFS(files.get());
+      mj_makeEmptyFileVFS(files.get(), "scene.xml", static_cast<int>(text.size()));
+      std::copy(text.begin(), text.end(), static_cast<char*>(files->filedata[files->nfile - 1]));
+      model_.reset(mj_loadXML("scene.xml", files.get(), error, sizeof error));
+      mj_deleteVFS(files.get());
+    } else {
+      model_.reset(mj_loadXML(path.c_str(), nullptr, error, sizeof error));
+    }
     if (!model_) throw traceur::Error(error);
     model_->opt.timestep = dt;
     if (pgs) {
@@ -113,7 +159,7 @@ public:
       model_->opt.iterations = 4;
     }
     for (int g = 0; g < model_->ngeom; ++g) {
-      const bool floor = model_->geom_type[g] == mjGEOM_PLANE;
+      const bool floor = model_->geom_bodyid[g] == 0;
       model_->geom_contype[g] = floor ? 0 : 1;
       model_->geom_conaffinity[g] = floor ? 1 : 0;
     }
@@ -123,16 +169,17 @@ public:
       if (joint >= 0) joints_.push_back({&j, model_->jnt_qposadr[joint]});
     }
     write(q_, data_->qpos, true);
+    data_->qpos[2] += raised_;
   }
 
 protected:
   double advance() override {
     constexpr int targets = 300;
     for (int n = 0; n < targets; ++n) {
-      wave_(data_->time, q_);
+      wave_(data_->time, 0, q_);
       write(q_, model_->qpos_spring, false);
       for (int k = 0; k < steps_per_target; ++k) mj_step(model_.get(), data_.get());
-      fallen_ = fallen_ || !(data_->qpos[2] > upright);
+      fallen_ = fallen_ || !(data_->qpos[2] > upright + raised_);
     }
     return targets * steps_per_target;
   }
@@ -166,17 +213,21 @@ private:
   std::unique_ptr<mjModel, Free> model_;
   std::unique_ptr<mjData, Free> data_;
   std::vector<Place> joints_;
+  double raised_;
 };
 
 template <class S>
 class Ours : public Side {
 public:
-  Ours(std::string name, const traceur::body::Character& character, int lanes, int targets)
+  Ours(std::string name, const traceur::body::Character& character, int lanes, int targets,
+       const traceur::sim::Scene& scene = {})
       : Side(std::move(name)),
         wave_(character.skeleton),
-        world_(character, lanes, parameters()),
+        world_(character, lanes, parameters(), scene),
         q_(wave_.rest()),
-        targets_(targets) {
+        targets_(targets),
+        raised_(scene.boxes.empty() ? 0 : platform) {
+    q_[2] += raised_;
     for (int l = 0; l < lanes; ++l) world_.reset(l, q_, Eigen::VectorXd::Zero(character.skeleton.nv()));
   }
 
@@ -184,13 +235,13 @@ protected:
   double advance() override {
     for (int n = 0; n < targets_; ++n) {
       for (int l = 0; l < world_.lanes(); ++l) {
-        wave_(time_ + 0.11 * l, q_);
+        wave_(time_, 0.11 * l, q_);
         world_.set_target(l, q_);
       }
       world_.step(steps_per_target);
       time_ += steps_per_target * dt;
       for (int l = 0; l < world_.lanes(); ++l)
-        fallen_ = fallen_ || world_.failed(l) || !(world_.body_position(l, 0).z > upright);
+        fallen_ = fallen_ || world_.failed(l) || !(world_.body_position(l, 0).z > upright + raised_);
     }
     return static_cast<double>(targets_) * steps_per_target * world_.lanes();
   }
@@ -206,20 +257,44 @@ private:
   traceur::sim::World<S> world_;
   Eigen::VectorXd q_;
   int targets_;
+  double raised_;
   double time_ = 0;
 };
+
+/// Wall-clock gain of a second thread.
+double two_threads(const traceur::body::Character& humanoid) {
+  traceur::sim::World<traceur::core::Pack<float>> world(humanoid, 256);
+  const Eigen::VectorXd q = standing(humanoid.skeleton);
+  for (int l = 0; l < world.lanes(); ++l) world.reset(l, q, Eigen::VectorXd::Zero(humanoid.skeleton.nv()));
+  traceur::core::ThreadExecutor one(1), two(2);
+  const auto rate = [&](traceur::core::ThreadExecutor& executor) {
+    const auto begin = std::chrono::steady_clock::now();
+    for (int n = 0; n < 30; ++n) world.step(steps_per_target, executor);
+    return 1 / std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  };
+  std::vector<double> gains;
+  for (int r = 0; r < rounds; ++r) {
+    const double alone = rate(one);
+    gains.push_back(rate(two) / alone);
+  }
+  std::sort(gains.begin(), gains.end());
+  return gains[gains.size() / 2];
+}
 
 int run(const std::string& path) {
   using Pack = traceur::core::Pack<float>;
   const traceur::body::Character humanoid = traceur::io::read_mjcf(path);
   const std::string wide = "pack of " + std::to_string(Pack::width);
-  std::array<std::unique_ptr<Side>, 6> sides{
+  const traceur::sim::Scene scene = obstacles();
+  std::array<std::unique_ptr<Side>, 8> sides{
       std::make_unique<MuJoCo>("MuJoCo, Newton", path, humanoid.skeleton, false),
       std::make_unique<MuJoCo>("MuJoCo, PGS, 4 iterations", path, humanoid.skeleton, true),
       std::make_unique<Ours<double>>("traceur, double", humanoid, 1, 900),
       std::make_unique<Ours<float>>("traceur, float", humanoid, 1, 900),
       std::make_unique<Ours<Pack>>("traceur, " + wide, humanoid, Pack::width, 900),
-      std::make_unique<Ours<Pack>>("traceur, " + wide + ", 256 lanes", humanoid, 256, 60)};
+      std::make_unique<Ours<Pack>>("traceur, " + wide + ", 256 lanes", humanoid, 256, 60),
+      std::make_unique<MuJoCo>("MuJoCo, Newton, 20 boxes", path, humanoid.skeleton, false, &scene),
+      std::make_unique<Ours<Pack>>("traceur, " + wide + ", 20 boxes", humanoid, Pack::width, 900, scene)};
   // In turn, so that a busy moment of the machine strikes all alike.
   for (int r = 0; r < rounds; ++r)
     for (auto& side : sides) side->round();
@@ -234,6 +309,8 @@ int run(const std::string& path) {
   std::printf("ratio mujoco_newton_256 %.2f\n", sides[5]->rate() / newton);
   std::printf("ratio mujoco_newton %.2f\n", sides[4]->rate() / newton);
   std::printf("ratio mujoco_pgs4 %.2f\n", sides[4]->rate() / pgs);
+  std::printf("ratio mujoco_boxes %.2f\n", sides[7]->rate() / sides[6]->rate());
+  std::printf("ratio two_threads %.2f\n", two_threads(humanoid));
   std::printf("ratio mujoco_float %.2f\n", sides[3]->rate() / newton);
   return fell ? 1 : 0;
 }

@@ -12,9 +12,10 @@ namespace perform {
 struct Effort {
   traceur::control::SamplingParameters sampling;
   traceur::control::FeedbackLearning learning;
-  double windows = 1.6e6;       ///< simulated in a search, all rounds together; short clips get more samples
+  double windows = 1.5e5;       ///< simulated in a search, all rounds together; short clips get more samples
   int one_shot_starts = 16;     ///< starts of each candidate where a trial is short
-  int gait_generations = 450;   ///< in place of the learning's own number, which is for motions done once
+  int gait_generations = 600;   ///< in place of the learning's own number, which is for motions done once
+  int one_shot_patience = 250;  ///< they improve slowly for long: their success has no second chance to add up
   double smoothing_s = 0.03;    ///< standard deviation of the Gaussian over the clip before the search
   double least_search_s = 3.6;  ///< gaits are searched over as many cycles as fill this, at least three
   int trials = 100;             ///< unseen starts
@@ -31,15 +32,43 @@ struct Effort {
     return p;
   }
 
+  /// Engines simulate one character after another, far slower than the bundled simulator its packs.
+  Effort on_engine(bool quick) const {
+    Effort e = *this;
+    e.trials = 20;
+    e.trial_s = 20;
+    e.push_trials = quick ? 2 : 4;
+    e.push_halvings = quick ? 3 : 4;
+    return e;
+  }
+
+  /// Learning that goes on from a law which nearly holds.
+  traceur::control::FeedbackLearning fine_tuning() const {
+    traceur::control::FeedbackLearning p;
+    p.population = 12;
+    p.starts = 2;
+    p.sigma = 0.03;
+    p.generations = 1 << 20;
+    p.patience = 1 << 20;
+    p.first_seconds = 5;
+    p.last_seconds = 8;
+    p.perturbation_step = 0.5;
+    p.first_perturbation = 1;
+    p.validation_episodes = 12;
+    p.validate_every = 3;
+    return p;
+  }
+
   static Effort of(bool quick) {
     Effort e;
     if (!quick) {
       e.sampling.rounds = 16;
       e.learning.starts = 8;
-      e.learning.generations = 400;
+      e.learning.generations = 1200;
+      e.learning.validation_episodes = 128;
+      e.windows = 2.2e6;
       return e;
     }
-    e.windows = 1.5e5;
     e.one_shot_starts = 8;
     e.sampling.rounds = 8;
     e.learning.population = 24;

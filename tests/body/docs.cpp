@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 // The code of docs/body.md.
+#include <vector>
+
 #include <doctest/doctest.h>
 
 #include <traceur/body/momentum.hpp>
+#include <traceur/body/proportions.hpp>
 #include <traceur/body/pose.hpp>
 
 using namespace traceur::body;
@@ -30,4 +33,9 @@ TEST_CASE("docs/body.md") {
   forward_velocities(swing.skeleton, frames, v.data(), twists);
   const Momentum<double> m = momentum(swing, frames, twists);  // m.linear is (-3, 0, 0)
   CHECK(norm(m.linear - traceur::core::Vector3<double>{-3, 0, 0}) < 1e-14);
+
+  std::vector<SegmentScale> scales(static_cast<std::size_t>(swing.skeleton.size()));
+  scales[1] = {1.5, 1.0, 1.0};
+  const Character longer = with_proportions(swing, scales);  // the rod weighs 3 kg
+  CHECK(longer.inertias[1].mass == doctest::Approx(3));
 }

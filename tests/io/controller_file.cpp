@@ -56,6 +56,7 @@ control::Controller example() {
   c.simulation.gravity = 1.62;
   c.simulation.contact_stiffness = 12345.678901234567;
   c.simulation.contact_damping = 500.1;
+  c.simulation.damping_depth = 0.0031;
   c.simulation.spring_depth = 0.011;
   c.simulation.bristle_stiffness = 2e4 / 3;
   c.simulation.bristle_damping = 77.7;
@@ -93,7 +94,7 @@ bool same(const control::Controller& a, const control::Controller& b) {
   const control::TrackingReference &r = a.reference, &q = b.reference;
   return a.clip == b.clip && a.character == b.character && a.cyclic == b.cyclic && a.tick == b.tick &&
          a.steps_per_tick == b.steps_per_tick && p.dt == o.dt && p.gravity == o.gravity && p.friction == o.friction &&
-         p.contact_stiffness == o.contact_stiffness && p.contact_damping == o.contact_damping && p.spring_depth == o.spring_depth &&
+         p.contact_stiffness == o.contact_stiffness && p.contact_damping == o.contact_damping && p.damping_depth == o.damping_depth && p.spring_depth == o.spring_depth &&
          p.bristle_stiffness == o.bristle_stiffness && p.bristle_damping == o.bristle_damping && p.stop_stiffness == o.stop_stiffness &&
          p.stop_damping == o.stop_damping && p.joint_speed_limit == o.joint_speed_limit && p.conserve_momentum == o.conserve_momentum &&
          a.shape.rank == b.shape.rank && a.shape.phases == b.shape.phases && s.swing_foot == t.swing_foot && s.root_spin == t.root_spin &&
@@ -140,7 +141,7 @@ TEST_CASE("every field that is missing or of the wrong kind is named") {
   const Json good = Json::parse(io::controller_text(example()));
   CHECK(refusal(good).empty());
   const auto all = fields(good);
-  CHECK(all.size() == 16 + 12 + 9);
+  CHECK(all.size() == 16 + 13 + 9);
   for (const auto& path : all) {
     const std::string& name = path.back();
     CAPTURE(name);

@@ -4,7 +4,7 @@ target_compile_definitions(consumer PRIVATE TRACEUR_EXPECTED_VERSION="${TRACEUR_
 target_link_libraries(consumer PRIVATE traceur::traceur)
 
 # A component that is here must link from here, with all that it drags in.
-foreach(component io ceres nlopt mujoco)
+foreach(component io ceres nlopt mujoco bullet ode dart)
   if(TARGET traceur::${component})
     target_link_libraries(consumer PRIVATE traceur::${component})
   endif()

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // The code of docs/sim.md.
 #include <cmath>
+#include <vector>
 
 #include <doctest/doctest.h>
 
+#include <traceur/body/proportions.hpp>
 #include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>
 
@@ -38,4 +40,31 @@ TEST_CASE("docs/sim.md") {
   sim::World<double> step(humanoid, 1, {}, terrain::HeightGrid(heights, 0.4));
   CHECK(step.ground().highest() == 0.3);
   CHECK(slope.ground().sample(core::Vector3<double>{0, 0, 1}).distance == doctest::Approx(0.8));
+
+  std::vector<terrain::Box> boxes;
+  for (int i = 0; i < 5; ++i) boxes.push_back({{1 + 0.3 * i, 0, 0.1 * (i + 1)}, {0.15, 1, 0.1 * (i + 1)}});
+  sim::World<core::Pack<float>> stairs(humanoid, 64, parameters, sim::Scene{{}, terrain::BoxScene(boxes)});
+  CHECK(stairs.lanes() == 64);
+
+  sim::Extras extras;
+  extras.objects.push_back({sim::ObjectShape::Kind::box, {0.2, 0.2, 0.4}, 15, {0.6, 0, 0.4}});
+  extras.grips.push_back({humanoid.skeleton.find("right_elbow"), {0, 0, -0.26}, -1});
+  extras.self_collisions.push_back({humanoid.skeleton.find("left_knee"), humanoid.skeleton.find("right_knee")});
+  sim::World<core::Pack<float>> pushing(humanoid, 16, parameters, sim::Scene{}, extras);
+  for (int lane = 0; lane < pushing.lanes(); ++lane) pushing.reset(lane, q, Eigen::VectorXd::Zero(humanoid.skeleton.nv()));
+  pushing.refresh();
+  pushing.hold(0, 0, 800);  // the hand holds on where it is, until 800 N
+  pushing.step(16);
+  pushing.object_impulse(0, 0);  // N s, from the character, in the last call of step
+  pushing.grip_force(0, 0);      // N, on the character
+  CHECK(pushing.holds(0, 0));
+  CHECK_FALSE(pushing.holds(1, 0));
+
+  std::vector<body::SegmentScale> scales(static_cast<std::size_t>(humanoid.skeleton.size()));
+  scales[static_cast<std::size_t>(humanoid.skeleton.find("left_knee"))] = {1.2, 1.1, 1};
+  pushing.set_body(2, body::with_proportions(humanoid, scales));
+  pushing.set_gravity(3, 0.4 * 9.81);
+  pushing.set_friction(4, 0.5);
+  pushing.step(16);
+  for (int lane = 0; lane < pushing.lanes(); ++lane) CHECK_FALSE(pushing.failed(lane));
 }

@@ -182,7 +182,7 @@ TEST_CASE("momenta of the simulator are those of the body module") {
   traceur::core::RandomStream random(7);
   const Eigen::VectorXd q = scene::random_pose(c, random, 2);
   const Eigen::VectorXd v = scene::random_velocity(c, random, 5);
-  traceur::sim::update_kinematics(model, q.data(), v.data(), work);
+  traceur::sim::update_kinematics(model, traceur::sim::Numbers<double>(model), q.data(), v.data(), work);
   const auto m = scene::momentum_of(c, q, v);
   CHECK(norm(work.center_of_mass - m.center_of_mass) < 1e-12);
   CHECK(norm(work.linear_momentum - m.linear) < 1e-10);

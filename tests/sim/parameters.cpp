@@ -31,6 +31,11 @@ TEST_CASE("parameters: the message names the field at fault") {
   refused([&](Parameters& p) { p.contact_stiffness = infinity; }, "contact_stiffness");
   refused([&](Parameters& p) { p.contact_damping = nan; }, "contact_damping");
   refused([&](Parameters& p) { p.spring_depth = 0; }, "spring_depth");
+  refused([&](Parameters& p) { p.damping_depth = 0; }, "damping_depth");
+  refused([&](Parameters& p) { p.grip_stiffness = -1; }, "grip_stiffness");
+  refused([&](Parameters& p) { p.grip_damping = nan; }, "grip_damping");
+  refused([&](Parameters& p) { p.self_stiffness = -1; }, "self_stiffness");
+  refused([&](Parameters& p) { p.self_damping = nan; }, "self_damping");
   refused([&](Parameters& p) { p.bristle_stiffness = -1; }, "bristle_stiffness");
   refused([&](Parameters& p) { p.bristle_damping = -1; }, "bristle_damping");
   refused([&](Parameters& p) { p.stop_stiffness = nan; }, "stop_stiffness");

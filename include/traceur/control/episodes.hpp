@@ -6,9 +6,11 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "traceur/control/controller.hpp"
+#include "traceur/control/engine.hpp"
 #include "traceur/control/tracking_cost.hpp"
 #include "traceur/core/executor.hpp"
 #include "traceur/core/random.hpp"
@@ -69,6 +71,12 @@ class EpisodeRunner {
 
   sim::Lanes<S>& lanes() { return lanes_; }
 
+  /// Lets another engine move the lanes; null: the bundled dynamics again. Throws Error unless it is for this character.
+  void use(std::shared_ptr<Engine<S>> engine) {
+    if (engine && !engine->fits(*model_)) throw Error("episodes: the engine holds another character");
+    engine_ = std::move(engine);
+  }
+
   /// Called after each tick with the tick's index and the lanes.
   using Observer = std::function<void(int tick, const sim::Lanes<S>&)>;
 
@@ -89,6 +97,7 @@ class EpisodeRunner {
       reset(c, e, l, start(lane));
     }
     lanes_.refresh();
+    if (engine_) engine_->begin(lanes_, used);
     const int clip_ticks = c.ticks();
     const int ticks = c.cyclic ? std::max(1, static_cast<int>(std::lround(e.seconds / c.tick)))
                                : clip_ticks + static_cast<int>(std::lround(e.hold / c.tick));
@@ -116,12 +125,21 @@ class EpisodeRunner {
       }
       const S deviation = distance(raw);
       apply_action(lanes_, *model_, roles, c.shape.sets, c.targets.col(t).data(), c.stance[k], da.data());
+      std::array<bool, static_cast<std::size_t>(width)> wanted = alive;
+      if (observer) std::fill_n(wanted.begin(), used, true);
       for (int l = 0; l < used; ++l) {
         const Push p = push(l);
-        if (p.ticks > 0 && tick >= p.first_tick && tick < p.first_tick + p.ticks)
-          lanes_.push(l, roles.waist, p.force.template cast<T>(), {T(0), T(0), T(0.15)});
+        if (!(p.ticks > 0 && tick >= p.first_tick && tick < p.first_tick + p.ticks)) continue;
+        const Vector3<double> at{0, 0, 0.15};
+        if (!engine_)
+          lanes_.push(l, roles.waist, p.force.template cast<T>(), at.template cast<T>());
+        else if (wanted[static_cast<std::size_t>(l)])
+          engine_->push(l, roles.waist, p.force, at);
       }
-      lanes_.step(c.steps_per_tick);
+      if (engine_)
+        engine_->step(lanes_, c.tick, wanted);
+      else
+        lanes_.step(c.steps_per_tick);
       if (observer) observer(tick, lanes_);
       const int next = c.cyclic ? t + 1 : std::min(tick + 1, clip_ticks);
       judge(c, e, next, carry, tick, used, deviation, alive, living, results);
@@ -230,6 +248,7 @@ class EpisodeRunner {
   const sim::Model* model_;
   const TrackingCost* cost_;
   sim::Lanes<S> lanes_;
+  std::shared_ptr<Engine<S>> engine_;
   std::vector<S> law_;
 };
 

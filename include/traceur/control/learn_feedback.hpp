@@ -84,6 +84,26 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
     state.best_law = controller.law;
   }
   const double one_shot_seconds = controller.ticks() * controller.tick + EpisodeSettings{}.hold;
+  // Mean cost of a law at full difficulty on starts of its own.
+  const auto validate = [&](const Eigen::VectorXd& law) {
+    Controller trial = controller;
+    trial.law = law;
+    EpisodeSettings v;
+    v.seconds = p.last_seconds;
+    v.perturbation = 1;
+    v.starts = p.starts_moved;
+    v.seed = p.seed;
+    v.stream = 999;
+    const std::vector<EpisodeResult> outcome = run_episodes(runners, trial, v, p.validation_episodes, executor);
+    double sum = 0;
+    for (const EpisodeResult& r : outcome) {
+      sum += episode_cost(r, controller.cyclic ? v.seconds : one_shot_seconds, controller.cyclic);
+      state.simulated_seconds += r.seconds;
+    }
+    return sum / p.validation_episodes;
+  };
+  // What is returned is never worse than what was given.
+  if (!resume_state) state.best_validation = validate(controller.law);
   Eigen::VectorXd costs(p.population);
   while (state.generation < p.generations && state.since_best < p.patience) {
     const Eigen::MatrixXd& candidates = cma.ask();
@@ -134,24 +154,12 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
     } else if (!full && state.mean_success >= p.success_to_advance) {
       state.perturbation = std::min(1.0, state.perturbation + p.one_shot_step * (state.mean_success > 0.9 ? 2 : 1));
     }
-    // Validation at full difficulty on starts of its own.
     if (state.generation % p.validate_every == 0 || state.generation == p.generations) {
-      Controller trial = controller;
-      trial.law = cma.mean();
-      EpisodeSettings v = e;
-      v.seconds = p.last_seconds;
-      v.perturbation = 1;
-      v.stream = 999;
-      const std::vector<EpisodeResult> outcome = run_episodes(runners, trial, v, p.validation_episodes, executor);
-      double sum = 0;
-      for (const EpisodeResult& r : outcome) {
-        sum += episode_cost(r, controller.cyclic ? v.seconds : one_shot_seconds, controller.cyclic);
-        state.simulated_seconds += r.seconds;
-      }
-      const double validation = sum / p.validation_episodes;
+      const Eigen::VectorXd law = cma.mean();
+      const double validation = validate(law);
       if (validation < state.best_validation) {
         state.best_validation = validation;
-        state.best_law = trial.law;
+        state.best_law = law;
         state.since_best = 0;
       } else if (full) {
         state.since_best += p.validate_every;

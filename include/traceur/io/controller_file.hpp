@@ -118,6 +118,7 @@ inline std::string controller_text(const control::Controller& c) {
                          {"friction", s.friction},
                          {"contact_stiffness_N_m", s.contact_stiffness},
                          {"contact_damping_Ns_m", s.contact_damping},
+                         {"damping_depth_m", s.damping_depth},
                          {"spring_depth_m", s.spring_depth},
                          {"bristle_stiffness_N_m", s.bristle_stiffness},
                          {"bristle_damping_Ns_m", s.bristle_damping},
@@ -173,6 +174,7 @@ inline control::Controller parse_controller(const std::string& text, const std::
   p.friction = s.number("friction");
   p.contact_stiffness = s.number("contact_stiffness_N_m");
   p.contact_damping = s.number("contact_damping_Ns_m");
+  p.damping_depth = s.number("damping_depth_m");
   p.spring_depth = s.number("spring_depth_m");
   p.bristle_stiffness = s.number("bristle_stiffness_N_m");
   p.bristle_damping = s.number("bristle_damping_Ns_m");

@@ -28,7 +28,8 @@ struct LinearContact {
 
 /// The contact law, implicit in velocity (no global solver: each contact is a small inertia added to its body).
 ///
-/// Normal: a spring on the penetration (capped) and a damper, never pulling at the present velocity. Tangential: a bristle,
+/// Normal: a spring on the penetration (capped) and a damper that grows with its square, so that heavy bodies stop within
+/// some millimetres and light ones do not stick; never pulling at the present velocity. Tangential: a bristle,
 /// that is a damped spring anchored to the ground, weakened by the share that brings its force down to the Coulomb cone
 /// mu f_n. Below the cone it holds its place, so a standing foot does not creep; beyond it the force is mu f_n however slow
 /// the slide. The speed that sets the share is extrapolated from the last two steps, which keeps sliding friction at mu f_n
@@ -47,14 +48,16 @@ template <class S>
   using T = core::Element<S>;
   const auto constant = [](double x) { return S(static_cast<T>(x)); };
   const S zero = constant(0);
-  const S kn = constant(p.contact_stiffness * p.dt + p.contact_damping);
+  const S deep = constant(1 / p.damping_depth) * core::max(depth, zero);
+  const S damping = constant(p.contact_damping) * (constant(1) + deep * deep);
+  const S kn = constant(p.contact_stiffness * p.dt) + damping;
   const S spring = constant(p.contact_stiffness) * core::min(depth, constant(p.spring_depth));
   const S un = dot(normal, velocity);
   const Vector3<S> ut = velocity - un * normal;
   const S predicted = spring - kn * un;
   const auto pushing = (depth > zero) & (predicted > zero);
   // A contact that has just begun has no force yet; its own prediction, damper included, would overstate an impact.
-  const S fn = select(memory.normal_force > zero, memory.normal_force, core::min(predicted, spring + constant(p.contact_damping) * abs(un)));
+  const S fn = select(memory.normal_force > zero, memory.normal_force, core::min(predicted, spring + damping * abs(un)));
   const S cone = friction * fn;
   const S stick = constant(p.bristle_stiffness * p.dt + p.bristle_damping);
   const Vector3<S> hold = constant(p.bristle_stiffness) * memory.bristle;

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "traceur/core/pack.hpp"
-#include "traceur/sim/model.hpp"
+#include "traceur/sim/numbers.hpp"
 #include "traceur/sim/parameters.hpp"
 
 namespace traceur::sim {
@@ -51,7 +51,8 @@ struct DynamicsWork {
 
 /// Frames, twists, world inertias and momenta of all bodies at (q, v).
 template <class S>
-[[gnu::always_inline]] inline void update_kinematics(const Model& model, const S* q, const S* v, DynamicsWork<S>& w) {
+[[gnu::always_inline]] inline void update_kinematics(const Model& model, const Numbers<S>& numbers, const S* q, const S* v,
+                                                     DynamicsWork<S>& w) {
   using core::Quaternion;
   using core::Vector3;
   using T = core::Element<S>;
@@ -59,6 +60,7 @@ template <class S>
   const Vector3<S> origin = model.bodies[0].type == body::JointType::free ? Vector3<S>::from(q) : Vector3<S>::zero();
   for (std::size_t i = 0; i < model.bodies.size(); ++i) {
     const MovingBody& b = model.bodies[i];
+    const BodyNumbers<S>& c = numbers.bodies[i];
     BodyWork<S>& k = w.bodies[i];
     const S* qj = q + b.q_index;
     const S* vj = v + b.v_index;
@@ -70,7 +72,7 @@ template <class S>
       k.angular = Vector3<S>::from(vj + 3);
       k.relative = k.angular;
     } else {
-      const Vector3<S> offset = b.offset.cast<T>().template cast<S>();
+      const Vector3<S>& offset = c.offset;
       core::Matrix3<S> local;
       if (b.type == body::JointType::ball) {
         Quaternion<S> r = Quaternion<S>::from(qj);
@@ -103,9 +105,9 @@ template <class S>
       }
       k.angular += k.relative;
     }
-    const S mass(static_cast<T>(b.mass));
-    k.inertia = rotated(b.inertia.cast<T>().template cast<S>(), k.rotation);
-    k.first_moment = k.rotation * b.first_moment.cast<T>().template cast<S>();
+    const S& mass = c.mass;
+    k.inertia = rotated(c.inertia, k.rotation);
+    k.first_moment = k.rotation * c.first_moment;
     // Momentum about the root's origin; shifted to the centre of mass below.
     const Vector3<S> from_origin = k.position - origin;
     const Vector3<S> body_p = mass * k.linear + cross(k.angular, k.first_moment);
@@ -113,7 +115,7 @@ template <class S>
     p += body_p;
     l += k.inertia * k.angular + cross(k.first_moment, k.linear) + cross(from_origin, body_p);
   }
-  const Vector3<S> center = S(static_cast<T>(1.0 / model.total_mass)) * moment;
+  const Vector3<S> center = numbers.inverse_mass * moment;
   w.center_of_mass = origin + center;
   w.linear_momentum = p;
   w.angular_momentum = l - cross(center, p);
@@ -121,13 +123,12 @@ template <class S>
 
 /// Adds weight and velocity-dependent forces: each body's own inertia and bias, before contacts.
 template <class S>
-[[gnu::always_inline]] inline void load_inertias(const Model& model, const S& gravity, DynamicsWork<S>& w) {
+[[gnu::always_inline]] inline void load_inertias(const Model& model, const Numbers<S>& numbers, const S& gravity, DynamicsWork<S>& w) {
   using core::Vector3;
-  using T = core::Element<S>;
   for (std::size_t i = 0; i < model.bodies.size(); ++i) {
     const MovingBody& b = model.bodies[i];
     BodyWork<S>& k = w.bodies[i];
-    const S mass(static_cast<T>(b.mass));
+    const S& mass = numbers.bodies[i].mass;
     k.j = k.inertia;
     k.m = core::Symmetric3<S>::scalar(mass);
     k.h = core::Matrix3<S>::skew(k.first_moment);
@@ -248,11 +249,12 @@ template <class S>
 
 /// Joint and root accelerations (nv numbers, layout of velocities) of a character in free space: pose q, velocity v, joint
 /// torques tau (nv numbers, the root's ignored), weight included. The root's linear acceleration is that of its origin.
-/// Independent of any time step; the reference for other engines.
+/// Independent of any time step; the reference for other engines. `numbers` are the model's.
 template <class S>
-inline void forward_dynamics(const Model& model, const S* q, const S* v, const S* tau, const S& gravity, DynamicsWork<S>& w, S* out) {
-  update_kinematics(model, q, v, w);
-  load_inertias(model, gravity, w);
+inline void forward_dynamics(const Model& model, const Numbers<S>& numbers, const S* q, const S* v, const S* tau, const S& gravity,
+                             DynamicsWork<S>& w, S* out) {
+  update_kinematics(model, numbers, q, v, w);
+  load_inertias(model, numbers, gravity, w);
   for (std::size_t i = 0; i < model.bodies.size(); ++i) {
     const MovingBody& b = model.bodies[i];
     BodyWork<S>& k = w.bodies[i];
@@ -274,6 +276,12 @@ inline void forward_dynamics(const Model& model, const S* q, const S* v, const S
       out[b.v_index] = k.joint_rate.x;
     }
   }
+}
+
+/// The same with the model's numbers made on the way, which allocates.
+template <class S>
+inline void forward_dynamics(const Model& model, const S* q, const S* v, const S* tau, const S& gravity, DynamicsWork<S>& w, S* out) {
+  forward_dynamics(model, Numbers<S>(model), q, v, tau, gravity, w, out);
 }
 
 }  // namespace traceur::sim

@@ -46,6 +46,21 @@ public:
   T highest() const { return highest_; }
   /// The terrain, or null on a plane.
   const terrain::HeightGrid* grid() const { return grid_.get(); }
+  /// The plane normal . p = offset (m) where there is no terrain.
+  core::Vector3<double> normal() const { return normal_.template cast<double>(); }
+  double offset() const { return static_cast<double>(offset_); }
+
+  /// The same ground in another floating-point type; the terrain's memory is shared.
+  template <class U>
+  Ground<U> cast() const {
+    Ground<U> out;
+    out.level_ = level_;
+    out.highest_ = static_cast<U>(highest_);
+    out.offset_ = static_cast<U>(offset_);
+    out.normal_ = normal_.template cast<U>();
+    out.grid_ = grid_;
+    return out;
+  }
 
   /// Distances are exact up to `reach` (m); beyond it a terrain may answer any larger number. A point that is not a
   /// number has a distance that is not one.
@@ -59,6 +74,9 @@ public:
   }
 
 private:
+  template <class U>
+  friend class Ground;
+
   // Apart from sample, so that a step on level ground is not burdened with the code for terrain.
   template <class S>
   [[gnu::noinline]] GroundSample<S> on_grid(const core::Vector3<S>& point, T reach) const noexcept {
