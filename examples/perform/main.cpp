@@ -23,8 +23,14 @@ namespace {
 using namespace perform;
 using traceur::control::TrackingReference;
 
-void test_and_show(const Options& options, const Scene& scene, const Learned& learned,
-                   const TrackingReference& measured, Performer& performer, Report& report) {
+void test_and_show(const Options& options, const Scene& scene, Learned learned, const TrackingReference& measured,
+                   Performer& performer, Report& report) {
+  if (options.fine_tune_s > 0) {
+    const Learned tuned = performer.fine_tune(learned.controller, options.fine_tune_s);
+    report.add_fine_tuning(tuned);
+    learned.controller.law = tuned.controller.law;
+    traceur::io::write_controller(options.out / "controller.json", learned.controller);
+  }
   report.add(performer.test(learned.controller, measured), learned);
   const PushResult pushes = performer.push(learned.controller);
   report.add(pushes);
@@ -65,7 +71,8 @@ int carry_out(Report& report, Work&& work) {
 
 int run(const Options& options) {
   listen_for_interruption();
-  const Effort effort = Effort::of(options.quick);
+  Effort effort = Effort::of(options.quick);
+  if (options.simulator != "bundled") effort = effort.on_engine(options.quick);
   Scene scene = load_scene(options);
   Preparation preparation;
   if (!options.clip.empty()) preparation = prepare(options, effort, scene);

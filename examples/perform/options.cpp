@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 
 #include "job_folder.hpp"
+#include "simulators.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
 
@@ -34,6 +35,7 @@ void take_over(Options& o, const Json& begun, const CLI::App& app) {
   const Json given = job_arguments(o);
   const std::map<std::string, std::string> option_names{{"clip", "CLIP"},     {"joint_map", "--joint-map"},
                                                         {"dt_hz", "--dt-hz"}, {"open_loop", "--open-loop"},
+                                                        {"fine_tune_s", "--fine-tune"},
                                                         {"up_axis", "--up"},  {"unit_m", "--unit"}};
   for (const auto& [key, value] : given.items()) {
     const auto named = option_names.find(key);
@@ -57,6 +59,8 @@ void take_over(Options& o, const Json& begun, const CLI::App& app) {
   o.up = begun.at("up_axis").get<std::string>();
   o.motion = begun.at("motion").get<std::string>();
   o.feedback = begun.at("feedback").get<std::string>();
+  o.simulator = begun.at("simulator").get<std::string>();
+  o.fine_tune_s = begun.at("fine_tune_s").get<double>();
   o.dt_hz = begun.at("dt_hz").get<int>();
   o.seed = begun.at("seed").get<std::uint64_t>();
   o.perturb = begun.at("perturb").get<bool>();
@@ -79,6 +83,8 @@ Json job_arguments(const Options& o) {
               {"up_axis", o.up},
               {"motion", o.motion},
               {"feedback", o.feedback},
+              {"simulator", o.simulator},
+              {"fine_tune_s", o.fine_tune_s},
               {"dt_hz", o.dt_hz},
               {"seed", o.seed},
               {"perturb", o.perturb},
@@ -113,6 +119,11 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--up", o.up, "up axis of a BVH or AMC clip")->check(CLI::IsMember({"detect", "x", "y", "z"}));
   app.add_option("--fps", o.fps, "frames a second of an AMC clip")->check(CLI::PositiveNumber);
   app.add_option("--controller", o.controller, "test and replay this controller instead of learning one");
+  app.add_option("--simulator", o.simulator,
+                 "what tests, pushes and the replay run on: bundled (default), mujoco, dart, ode or bullet;\n"
+                 "search and learning are always on the bundled one");
+  app.add_option("--fine-tune", o.fine_tune_s, "seconds to go on learning on that simulator before the test (default 0)")
+      ->check(CLI::Range(0.0, 1e6));
   app.add_option("--motion", o.motion, "auto (default), cyclic (a gait without end) or once")
       ->check(CLI::IsMember({"auto", "cyclic", "once"}));
   app.add_option("--feedback", o.feedback,
@@ -151,6 +162,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");
   if (o.report.empty()) o.report = o.out / "report.json";
   if (o.clip.empty() && o.controller.empty()) throw traceur::Error("expected a CLIP (--help lists the options)");
+  find_simulator(o.simulator);
   if (o.dt_hz % 60 != 0) throw traceur::Error("--dt-hz: expected a multiple of 60, got " + std::to_string(o.dt_hz));
   return o;
 }

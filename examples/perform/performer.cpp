@@ -9,8 +9,6 @@ namespace perform {
 using namespace traceur;
 using core::Quaternion;
 using core::Vector3;
-using Lane = core::Pack<float>;
-using Runners = std::vector<control::EpisodeRunner<Lane>>;
 
 namespace {
 
@@ -27,6 +25,29 @@ Runners make_runners(const core::ThreadExecutor& executor, const sim::Model& mod
   for (int i = 0; i < executor.concurrency(); ++i) out.emplace_back(model, simulation, ground, cost);
   return out;
 }
+
+struct TimeIsUp {};
+
+/// Engines are slow: in the middle of an episode, one minds interruptions and the end of its time.
+class WatchedEngine final : public Engine {
+public:
+  WatchedEngine(std::shared_ptr<Engine> engine, double most_s) : engine_(std::move(engine)), most_s_(most_s) {}
+  bool fits(const sim::Model& model) const override { return engine_->fits(model); }
+  void begin(const sim::Lanes<Lane>& lanes, int used) override { engine_->begin(lanes, used); }
+  void push(int lane, int body, const Vector3<double>& force, const Vector3<double>& point) override {
+    engine_->push(lane, body, force, point);
+  }
+  void step(sim::Lanes<Lane>& lanes, double seconds, std::span<const bool> wanted) override {
+    if (interruption_asked()) throw Interrupted{};
+    if (clock_.seconds() > most_s_) throw TimeIsUp{};
+    engine_->step(lanes, seconds, wanted);
+  }
+
+private:
+  std::shared_ptr<Engine> engine_;
+  double most_s_;
+  Clock clock_;
+};
 
 Vector3<double> lane_vector(const Vector3<Lane>& v, int lane) {
   return {core::lane_of(v.x, lane), core::lane_of(v.y, lane), core::lane_of(v.z, lane)};
@@ -156,7 +177,10 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   settings.seed = options_.seed;
   settings.starts_moved = perturbation(c);
   if (c.cyclic) settings.generations = effort_.gait_generations;
-  if (!c.cyclic) settings.starts = effort_.one_shot_starts;
+  if (!c.cyclic) {
+    settings.starts = effort_.one_shot_starts;
+    settings.patience = effort_.one_shot_patience;
+  }
   std::optional<SavedLearning> last = folder_.load_learning();
   if (last && (last->progress.best_law.size() != c.shape.size() || last->optimizer.dimension() != c.shape.size()))
     throw Error((options_.out / "state" / "learning.json").string() + ": belongs to another controller");
@@ -191,6 +215,44 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   return out;
 }
 
+Runners Performer::chosen_runners(const control::Controller& c, double most_s) {
+  const Clock clock;
+  Runners out = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  if (options_.simulator == "bundled") return out;
+  if (engines_.empty()) engines_ = make_engines(options_.simulator, scene_, c.simulation, executor_.concurrency());
+  for (std::size_t i = 0; i < out.size(); ++i) out[i].use(std::make_shared<WatchedEngine>(engines_[i], most_s - clock.seconds()));
+  return out;
+}
+
+Learned Performer::fine_tune(const control::Controller& c, double seconds) {
+  const Clock clock;
+  Learned out;
+  out.controller = c;
+  Runners runners = chosen_runners(c, seconds);
+  control::FeedbackLearning settings = effort_.fine_tuning();
+  settings.seed = options_.seed;
+  settings.starts_moved = perturbation(c);
+  ProgressLine line("fine-tuning, second", 0, static_cast<int>(std::ceil(seconds)));
+  const auto progress = [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
+    out.controller.law = s.best_law;
+    out.generations = s.generation;
+    out.simulated_s = s.simulated_seconds;
+    char text[120];
+    std::snprintf(text, sizeof text, "generation %d, cost %.3g, best %.3g", s.generation, s.mean_cost,
+                  s.best_validation);
+    line.tell(std::min(static_cast<int>(clock.seconds()), static_cast<int>(seconds)), text);
+    return clock.seconds() < seconds && !interruption_asked();
+  };
+  try {
+    control::learn_feedback(runners, c, settings, executor_, progress);
+  } catch (const TimeIsUp&) {
+    // What is left of an unfinished generation is of no use.
+  }
+  if (interruption_asked()) throw Interrupted{};
+  out.wall_s = clock.seconds();
+  return out;
+}
+
 control::EpisodeSettings Performer::settings(const control::Controller& c, std::uint64_t stream) const {
   control::EpisodeSettings e;
   e.seconds = effort_.trial_s;
@@ -202,7 +264,7 @@ control::EpisodeSettings Performer::settings(const control::Controller& c, std::
 
 TrialResult Performer::test(const control::Controller& c, const control::TrackingReference& measured) {
   constexpr int width = core::lane_count<Lane>;
-  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  Runners runners = chosen_runners(c);
   const control::EpisodeSettings e = settings(c, trial_stream);
   const int n = effort_.trials, groups = (n + width - 1) / width;
   std::vector<control::EpisodeResult> results(static_cast<std::size_t>(n));
@@ -271,7 +333,7 @@ Vector3<double> Performer::push_force(const control::Controller& c, int tick, do
 
 PushResult Performer::push(const control::Controller& c) {
   constexpr double settle_s = 2, after_s = 5;
-  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  Runners runners = chosen_runners(c);
   control::EpisodeSettings e = settings(c, push_stream);
   e.perturbation = 0;
   const int n = effort_.push_trials, directions = static_cast<int>(push_directions.size());
@@ -312,7 +374,7 @@ PushResult Performer::push(const control::Controller& c) {
 
 Recording Performer::record(const control::Controller& c, double push_Ns) {
   constexpr double shown_s = 12;
-  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  Runners runners = chosen_runners(c);
   control::EpisodeSettings e = settings(c, record_stream);
   e.seconds = shown_s;
   e.hold = 1;

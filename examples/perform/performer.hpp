@@ -2,10 +2,12 @@
 #pragma once
 
 #include <array>
+#include <limits>
 #include <string>
 #include <vector>
 
 #include "effort.hpp"
+#include "engines.hpp"
 #include "job_folder.hpp"
 #include "preparation.hpp"
 #include "traceur/core/executor.hpp"
@@ -60,6 +62,8 @@ struct Learned {
   double wall_s = 0, simulated_s = 0;
 };
 
+using Runners = std::vector<traceur::control::EpisodeRunner<Lane>>;
+
 /// The steps of the job that simulate. Long ones tell how far they are, save what they have and throw Interrupted when
 /// asked to stop.
 class Performer {
@@ -71,6 +75,8 @@ public:
   OpenLoopResult judge(const Motion& motion, const SavedSearch& search) const;
   /// Learns a feedback law around the targets.
   Learned learn(const Motion& motion, const SavedSearch& search);
+  /// Goes on learning the law on the simulator that the user chose, for at most so many seconds of wall time.
+  Learned fine_tune(const traceur::control::Controller& controller, double seconds);
   /// `measured` is what errors are measured against: the controller's reference without smoothing.
   TrialResult test(const traceur::control::Controller& controller, const traceur::control::TrackingReference& measured);
   PushResult push(const traceur::control::Controller& controller);
@@ -78,6 +84,9 @@ public:
   Recording record(const traceur::control::Controller& controller, double push_Ns);
 
 private:
+  /// On the simulator that the user chose. They look at the controller's constants; an engine gives up after `most_s`.
+  Runners chosen_runners(const traceur::control::Controller& controller,
+                         double most_s = std::numeric_limits<double>::infinity());
   traceur::control::Perturbation perturbation(const traceur::control::Controller& controller) const;
   traceur::control::SamplingParameters sampling(const Motion& motion) const;
   traceur::control::EpisodeSettings settings(const traceur::control::Controller& controller,
@@ -92,6 +101,7 @@ private:
   traceur::sim::Parameters simulation_;
   traceur::sim::Ground<float> ground_;
   traceur::control::TrackingCost cost_;
+  std::vector<std::shared_ptr<Engine>> engines_;  ///< one for each worker, made when first needed
   traceur::core::ThreadExecutor executor_;
 };
 

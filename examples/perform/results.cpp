@@ -89,8 +89,10 @@ Report::Report(const Options& options, const Scene& scene) : options_(options) {
                {"arguments", arguments},
                {"clip", options.clip.filename().string()},
                {"character", scene.model.character.name},
+               {"simulator", options.simulator},
                {"seed", options.seed},
                {"status", "failed"}};
+  if (options.simulator != "bundled") facts_.emplace_back("simulator", options.simulator);
   facts_.emplace_back("character", scene.model.character.name + ", " + rounded(scene.model.total_mass, 1, "kg"));
 }
 
@@ -123,6 +125,12 @@ void Report::add(const OpenLoopResult& r) {
                             {"simulated_s", r.simulated_s}};
   simulated_s_ += r.simulated_s;
   facts_.emplace_back("open loop, mean joint error", rounded(100 * r.mean_joint_error_m, 1, "cm"));
+}
+
+void Report::add_fine_tuning(const Learned& l) {
+  json_["fine_tuning"] = Json{{"generations", l.generations}, {"wall_s", l.wall_s}, {"simulated_s", l.simulated_s}};
+  simulated_s_ += l.simulated_s;
+  facts_.emplace_back("fine-tuned for", rounded(l.wall_s, 0, "s"));
 }
 
 void Report::add(const TrialResult& t, const Learned& l) {

@@ -75,6 +75,41 @@ Outcome perform(const fs::path& folder, const std::string& arguments) {
 
 nlohmann::json report_of(const fs::path& out) { return nlohmann::json::parse(text_of(out / "report.json")); }
 
+struct EngineName {
+  const char *name, *package;
+  bool built;
+};
+constexpr EngineName engines[] = {
+    {"mujoco", "libmujoco-dev",
+#ifdef PERFORM_WITH_MUJOCO
+     true
+#else
+     false
+#endif
+    },
+    {"dart", "libdart-dev",
+#ifdef PERFORM_WITH_DART
+     true
+#else
+     false
+#endif
+    },
+    {"ode", "libode-dev",
+#ifdef PERFORM_WITH_ODE
+     true
+#else
+     false
+#endif
+    },
+    {"bullet", "libbullet-dev",
+#ifdef PERFORM_WITH_BULLET
+     true
+#else
+     false
+#endif
+    },
+};
+
 /// Files in a folder, unfinished ones among them.
 int files_in(const fs::path& folder) {
   int count = 0;
@@ -150,6 +185,47 @@ TEST_CASE(
   CHECK(report_of(four)["closed_loop"]["survived"] == report["closed_loop"]["survived"]);
   CHECK(text_of(four / "motion.jsonl") == text_of(one / "motion.jsonl"));
   CHECK(!fs::exists(four / "controller.json"));
+  CHECK(report_of(four)["simulator"] == "bundled");
+  CHECK(!report_of(four).contains("fine_tuning"));
+
+  for (const EngineName& engine : engines) {
+    if (!engine.built) continue;
+    CAPTURE(engine.name);
+    const fs::path five = folder / engine.name;
+    const std::string again = "--controller " + (one / "controller.json").string() + " --quick --seed 3 --simulator " + engine.name;
+    const Outcome elsewhere = perform(folder, again + " --out " + five.string());
+    CAPTURE(elsewhere.err);
+    REQUIRE(elsewhere.status >= 0);
+    CHECK(elsewhere.status < 2);
+    const auto there = report_of(five);
+    CHECK(there["simulator"] == engine.name);
+    CHECK(there["push_Ns"].size() == 8);
+    // It is the same motion, but not the same simulation of it.
+    CHECK(2 * there["closed_loop"]["survived"].get<int>() >= there["closed_loop"]["trials"].get<int>());
+    CHECK(text_of(five / "motion.jsonl") != text_of(four / "motion.jsonl"));
+    const motion::Clip moved = io::read_clip(five / "motion.jsonl").clip;
+    CHECK(moved.duration() == doctest::Approx(motion.duration()).epsilon(0.1));
+  }
+
+  // Fine-tuning ends in time, and what it leaves is a controller like any other.
+  for (const std::string name : {"bundled", "mujoco"}) {
+    if (name == "mujoco" && !engines[0].built) continue;
+    CAPTURE(name);
+    const fs::path out = folder / (name + "-tuned");
+    const Outcome o = perform(folder, "--controller " + (one / "controller.json").string() + " --quick --seed 3 --fine-tune 2 --simulator " + name +
+                                          " --out " + out.string());
+    CAPTURE(o.err);
+    CHECK(o.status < 2);
+    const auto tuning = report_of(out)["fine_tuning"];
+    CHECK(tuning["simulated_s"].get<double>() >= 0);
+    CHECK(tuning["wall_s"].get<double>() < 3);
+    if (name == "bundled") CHECK(tuning["generations"].get<int>() >= 1);
+    CHECK(fs::exists(out / "controller.json"));
+    const Outcome again = perform(folder, "--controller " + (out / "controller.json").string() + " --quick --seed 3 --simulator " + name +
+                                              " --out " + (folder / (name + "-again")).string());
+    CHECK(again.status < 2);
+    CHECK(report_of(folder / (name + "-again"))["closed_loop"]["survived"] == report_of(out)["closed_loop"]["survived"]);
+  }
 }
 
 TEST_CASE("perform: bad input is refused in one line that names the fault, and nothing is written") {
@@ -207,6 +283,10 @@ TEST_CASE("perform: bad input is refused in one line that names the fault, and n
   refused(clip + to + " --sede 3", "--sede");
   refused(clip + to + " --motion sideways", "sideways");
   refused(clip + to + " --dt-hz 200", "--dt-hz");
+  for (const char* named : {"'physix'", "bundled", "mujoco", "dart", "ode", "bullet"}) refused(clip + to + " --simulator physix", named);
+  for (const EngineName& engine : engines)
+    if (!engine.built) refused(clip + to + " --simulator " + engine.name, engine.package);
+  refused(clip + to + " --fine-tune -1", "--fine-tune");
   refused(clip + to + " --unit 0.01", "unit");
   refused(clip + " --quick", "--out");
   refused("--out " + out.string(), "CLIP");
@@ -218,7 +298,8 @@ TEST_CASE("perform: help and version are not errors") {
   const fs::path folder = fresh("help");
   const Outcome help = perform(folder, "--help");
   CHECK(help.status == 0);
-  for (const char* option : {"--character", "--terrain", "--perturb", "--out", "--report", "--resume", "--quick"})
+  for (const char* option : {"--character", "--terrain", "--perturb", "--out", "--report", "--resume", "--quick", "--simulator",
+                             "--fine-tune"})
     CHECK_MESSAGE(help.out.find(option) != std::string::npos, option);
   CHECK(perform(folder, "--version").out == std::string(TRACEUR_PROJECT_VERSION) + "\n");
 }

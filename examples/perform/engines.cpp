@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: MIT
+#include "engines.hpp"
+
+#include <cmath>
+
+#include "simulators.hpp"
+#include "traceur/control/engine.hpp"
+
+namespace perform {
+
+using namespace traceur;
+
+namespace {
+
+/// At the 240 Hz that controllers are learnt with, some engines lose gaits that they keep at smaller steps.
+constexpr double engine_hz = 960;
+
+/// A model of sim::Simulator that stands for a plain one.
+class EngineLane {
+public:
+  EngineLane(const sim::Model& model, double dt, std::unique_ptr<PlainSimulator> plain)
+      : model_(&model), dt_(dt), plain_(std::move(plain)) {}
+
+  int lanes() const { return 1; }
+  const body::Character& character() const { return model_->character; }
+  double dt() const { return dt_; }
+  void reset(int, const Eigen::VectorXd& q, const Eigen::VectorXd& v) { plain_->reset(q.data(), v.data()); }
+  void set_target(int, const Eigen::VectorXd& q) { plain_->set_target(q.data()); }
+  void push(int, int joint, const core::Vector3<double>& force, const core::Vector3<double>& point) {
+    double f[3], p[3];
+    force.store(f);
+    point.store(p);
+    plain_->push(joint, f, p);
+  }
+  core::Vector3<double> contact_force(int, int joint) const {
+    double f[3];
+    plain_->contact_force(joint, f);
+    return core::Vector3<double>::from(f);
+  }
+  void step(int count) { plain_->step(count); }
+  void pose(int, Eigen::VectorXd& q) const { plain_->pose(q.data()); }
+  void velocity(int, Eigen::VectorXd& v) const { plain_->velocity(v.data()); }
+  bool failed(int) const { return plain_->failed(); }
+
+private:
+  const sim::Model* model_;
+  double dt_;
+  std::unique_ptr<PlainSimulator> plain_;
+};
+
+}  // namespace
+
+std::vector<std::shared_ptr<Engine>> make_engines(const std::string& name, const Scene& scene,
+                                                  const sim::Parameters& parameters, int count) {
+  const SimulatorChoice choice = find_simulator(name);
+  std::vector<std::shared_ptr<Engine>> out;
+  if (!choice.factory) return out;
+  EngineRequest request;
+  request.character = scene.character_text.c_str();
+  request.parameters = parameters;
+  request.parameters.dt = parameters.dt / std::ceil(engine_hz * parameters.dt - 1e-9);
+  if (scene.terrain) {
+    const terrain::HeightGrid& g = *scene.terrain;
+    request.heights_m = g.heights().data();
+    request.nx = g.nx();
+    request.ny = g.ny();
+    request.cell_m = g.cell();
+    request.x0_m = g.x0();
+    request.y0_m = g.y0();
+  }
+  for (int worker = 0; worker < count; ++worker) {
+    // One character each: what has fallen is then not simulated further.
+    std::vector<EngineLane> lanes;
+    for (int l = 0; l < core::lane_count<Lane>; ++l) {
+      char fault[400] = "";
+      std::unique_ptr<PlainSimulator> plain(choice.factory(request, fault, sizeof fault));
+      if (!plain) throw Error("--simulator " + name + ": " + fault);
+      lanes.emplace_back(scene.model, request.parameters.dt, std::move(plain));
+    }
+    out.push_back(control::engine_of<Lane>(std::move(lanes)));
+  }
+  return out;
+}
+
+}  // namespace perform

@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: MIT
+#include "traceur/backends/mujoco.hpp"
+
+#include "adaptor.hpp"
+
+perform::PlainSimulator* perform::make_mujoco(const EngineRequest& request, char* fault, int size) {
+  return make_plain<Plain<traceur::backends::Mujoco>>(request, fault, size);
+}

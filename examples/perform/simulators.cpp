@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+#include "simulators.hpp"
+
+#include "traceur/core/error.hpp"
+
+namespace perform {
+
+std::vector<SimulatorChoice> simulators() {
+  std::vector<SimulatorChoice> all{{"bundled", nullptr, nullptr},
+                                   {"mujoco", nullptr, "libmujoco-dev"},
+                                   {"dart", nullptr, "libdart-dev"},
+                                   {"ode", nullptr, "libode-dev"},
+                                   {"bullet", nullptr, "libbullet-dev"}};
+#ifdef PERFORM_WITH_MUJOCO
+  all[1].factory = make_mujoco;
+#endif
+#ifdef PERFORM_WITH_DART
+  all[2].factory = make_dart;
+#endif
+#ifdef PERFORM_WITH_ODE
+  all[3].factory = make_ode;
+#endif
+#ifdef PERFORM_WITH_BULLET
+  all[4].factory = make_bullet;
+#endif
+  return all;
+}
+
+SimulatorChoice find_simulator(const std::string& name) {
+  std::string names;
+  for (const SimulatorChoice& s : simulators()) {
+    names += (names.empty() ? "" : ", ") + s.name;
+    if (s.name != name) continue;
+    if (s.package && !s.factory)
+      throw traceur::Error("--simulator " + name + ": not in this build; install " + s.package +
+                           " (Debian, Ubuntu) and build again");
+    return s;
+  }
+  throw traceur::Error("--simulator: expected one of " + names + ", got '" + name + "'");
+}
+
+}  // namespace perform
