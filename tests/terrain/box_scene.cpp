@@ -456,6 +456,6 @@ TEST_CASE("box scene: every overlapping pair is found, wherever it is") {
 }
 
 TEST_CASE("docs/terrain.md: boxes") {
-  const traceur::terrain::BoxScene scene({{{2, 0, 0.4}, {0.3, 1, 0.4}}});
+  const traceur::terrain::BoxScene scene({traceur::terrain::Box{{2, 0, 0.4}, {0.3, 1, 0.4}}});
   CHECK(scene.sample({2, 0, 1.0}).distance == doctest::Approx(0.2));  // 0.2 m
 }
