@@ -10,6 +10,12 @@
 #include <traceur/core/random.hpp>
 #include <traceur/sim/lanes.hpp>
 
+// Compiled once, in support.cpp: a step takes a compiler long.
+extern template void traceur::sim::Lanes<double>::step(int) noexcept;
+extern template void traceur::sim::Lanes<traceur::core::Pack<float>>::step(int) noexcept;
+extern template void traceur::sim::Lanes<traceur::core::Pack<float, 4>>::step(int) noexcept;
+extern template void traceur::sim::Lanes<traceur::core::Pack<double, 2>>::step(int) noexcept;
+
 namespace figures {
 
 namespace body = traceur::body;

@@ -5,6 +5,7 @@
 
 #include <doctest/doctest.h>
 
+#include "support.hpp"
 #include <traceur/body/proportions.hpp>
 #include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>

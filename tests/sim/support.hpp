@@ -13,6 +13,13 @@
 #include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>
 
+// Compiled once, in support.cpp: a step takes a compiler long.
+extern template void traceur::sim::Lanes<double>::step(int) noexcept;
+extern template void traceur::sim::Lanes<float>::step(int) noexcept;
+extern template void traceur::sim::Lanes<traceur::core::Pack<float>>::step(int) noexcept;
+extern template void traceur::sim::Lanes<traceur::core::Pack<float, 4>>::step(int) noexcept;
+extern template void traceur::sim::Lanes<traceur::core::Pack<double, 4>>::step(int) noexcept;
+
 namespace scene {
 
 using traceur::body::Character;

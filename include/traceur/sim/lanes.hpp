@@ -251,27 +251,10 @@ class Lanes {
   void refresh() { update_kinematics(*model_, numbers_, q(), v(), work_); }
 
   /// Advances all lanes by `count` time steps towards the joint targets.
-  [[gnu::flatten]] void step(int count) noexcept {
-    for (auto& f : body_force_) f = Vector3::zero();
-    refresh();
-    if (has_boxes_) look_around(count);
-    for (Object& o : objects_) o.work.impulse = Vector3::zero();
-    for (Grip& g : grips_) g.force = Vector3::zero();
-    // A restored lane may remember contacts that this group did not have: the first step looks at every memory.
-    for (ContactWork& c : contacts_) c.active = true;
-    std::fill(touching_.begin(), touching_.end(), std::uint8_t{1});
-    for (Object& o : objects_) o.touching = 1;
-    for (int s = 0; s < count; ++s) advance();
-    last_seconds_ = static_cast<T>(count * parameters_->dt);
-    const S share(static_cast<T>(1.0 / count));
-    for (auto& f : body_force_) f *= share;
-    for (Grip& g : grips_) g.force *= share;
-    if (pushed_) {
-      for (auto& f : push_force_) f = Vector3::zero();
-      pushed_ = false;
-    }
-    freeze_failed();
-  }
+  ///
+  /// Defined outside the class, so that a program which steps in many places can compile it once: `extern template void
+  /// Lanes<S>::step(int) noexcept;` everywhere, and the same without `extern` in one place.
+  [[gnu::flatten]] void step(int count) noexcept;
 
  private:
   using LaneMask = core::MaskOf<S>;
@@ -1217,5 +1200,28 @@ class Lanes {
   bool pushed_ = false;
   T last_seconds_ = 0;
 };
+
+template <class S>
+[[gnu::flatten]] void Lanes<S>::step(int count) noexcept {
+  for (auto& f : body_force_) f = Vector3::zero();
+  refresh();
+  if (has_boxes_) look_around(count);
+  for (Object& o : objects_) o.work.impulse = Vector3::zero();
+  for (Grip& g : grips_) g.force = Vector3::zero();
+  // A restored lane may remember contacts that this group did not have: the first step looks at every memory.
+  for (ContactWork& c : contacts_) c.active = true;
+  std::fill(touching_.begin(), touching_.end(), std::uint8_t{1});
+  for (Object& o : objects_) o.touching = 1;
+  for (int s = 0; s < count; ++s) advance();
+  last_seconds_ = static_cast<T>(count * parameters_->dt);
+  const S share(static_cast<T>(1.0 / count));
+  for (auto& f : body_force_) f *= share;
+  for (Grip& g : grips_) g.force *= share;
+  if (pushed_) {
+    for (auto& f : push_force_) f = Vector3::zero();
+    pushed_ = false;
+  }
+  freeze_failed();
+}
 
 }  // namespace traceur::sim
