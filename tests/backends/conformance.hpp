@@ -13,6 +13,8 @@
 #include <Eigen/Core>
 #include <doctest/doctest.h>
 
+// This folder has no unit that compiles a step for the others.
+#define TRACEUR_TEST_OWN_STEPS
 #include "../sim/support.hpp"
 #include <traceur/sim/scene.hpp>
 #include <traceur/sim/simulator.hpp>

@@ -13,12 +13,14 @@
 #include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>
 
+#ifndef TRACEUR_TEST_OWN_STEPS
 // Compiled once, in support.cpp: a step takes a compiler long.
 extern template void traceur::sim::Lanes<double>::step(int) noexcept;
 extern template void traceur::sim::Lanes<float>::step(int) noexcept;
 extern template void traceur::sim::Lanes<traceur::core::Pack<float>>::step(int) noexcept;
 extern template void traceur::sim::Lanes<traceur::core::Pack<float, 4>>::step(int) noexcept;
 extern template void traceur::sim::Lanes<traceur::core::Pack<double, 4>>::step(int) noexcept;
+#endif
 
 namespace scene {
 
