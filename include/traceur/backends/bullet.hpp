@@ -178,8 +178,7 @@ class Bullet {
   int link(int b) const { return free_ ? b - 1 : b; }
   int carrier(int joint) const { return model_.moving_of_joint[static_cast<std::size_t>(joint)]; }
   Vector on_carrier(int joint, const Vector& point) const {
-    const auto j = static_cast<std::size_t>(joint);
-    return model_.welded_place[j] + model_.welded_rotation[j].rotate(point);
+    return model_.on_moving_body(joint, point);
   }
 
   static btVector3 to_bullet(const Vector& v) {

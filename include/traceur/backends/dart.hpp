@@ -402,8 +402,7 @@ class Dart {
   int moving(int joint) const { return model().moving_of_joint[static_cast<std::size_t>(joint)]; }
   /// A point of a joint's frame in the frame of the moving body that carries it.
   Vector on_body(int joint, const Vector& point) const {
-    const auto j = static_cast<std::size_t>(joint);
-    return model().welded_place[j] + model().welded_rotation[j].rotate(point);
+    return model().on_moving_body(joint, point);
   }
   static Eigen::Matrix3d matrix(const Quaternion& q) { return q.normalized().eigen().toRotationMatrix(); }
 

@@ -142,8 +142,7 @@ class Mujoco {
   const Lane& lane(int i) const { return lanes_[static_cast<std::size_t>(i)]; }
   int carrier(int joint) const { return prepared_.moving_of_joint[static_cast<std::size_t>(joint)]; }
   core::Vector3<double> on_carrier(int joint, const core::Vector3<double>& point) const {
-    const auto j = static_cast<std::size_t>(joint);
-    return prepared_.welded_place[j] + prepared_.welded_rotation[j].rotate(point);
+    return prepared_.on_moving_body(joint, point);
   }
   core::Vector3<double> mean(int index, int joint, std::vector<core::Vector3<double>> Lane::*sums) const {
     const int b = carrier(joint);

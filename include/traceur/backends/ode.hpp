@@ -244,8 +244,7 @@ class Ode {
   int moving(int joint) const { return model_.moving_of_joint[static_cast<std::size_t>(joint)]; }
   /// A point of a joint's frame in the frame of the moving body that carries it.
   Vector on_body(int joint, const Vector& point) const {
-    const auto j = static_cast<std::size_t>(joint);
-    return model_.welded_place[j] + model_.welded_rotation[j].rotate(point);
+    return model_.on_moving_body(joint, point);
   }
   static Vector vector(const dReal* p) { return {p[0], p[1], p[2]}; }
   static Vector position(dBodyID b) { return vector(dBodyGetPosition(b)); }

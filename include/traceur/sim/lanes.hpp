@@ -357,42 +357,46 @@ class Lanes {
   }
 
   [[gnu::always_inline]] void find_contacts() {
-    const Parameters& p = *parameters_;
     for (std::size_t i = 0; i < model_->bodies.size(); ++i) {
       const MovingBody& b = model_->bodies[i];
       BodyWork<S>& k = work_.bodies[i];
       const bool near = b.contacts > 0 && core::any(k.position.z < highest_ + numbers_.bodies[i].reach);
       for (int c = 0; c < b.contacts; ++c) {
         const auto index = static_cast<std::size_t>(b.first_contact + c);
-        ContactWork& w = contacts_[index];
-        const bool was_active = w.active;
-        w.active = false;
-        S* m = memory(index);
-        if (near) {
-          const SphereNumbers<S>& sphere = numbers_.contacts[index];
-          const Vector3 center = k.rotation * sphere.center;
-          const S& radius = sphere.radius;
-          const Vector3 point = k.position + center;
-          if (core::any(point.z < highest_ + radius)) {
-            const GroundSample<S> sample =
-                own_places_ ? sample_places(point, widest_[index]) : ground_->sample(point, widest_[index]);
-            w.depth = radius - sample.distance;
-            if (core::any(w.depth > constant(0))) {
-              w.active = true;
-              w.normal = sample.normal;
-              w.arm = center - radius * sample.normal;
-              w.velocity = k.linear + cross(k.angular, w.arm);
-              w.centripetal = cross(k.angular, cross(k.angular, w.arm));
-              const ContactMemory<S> memory{Vector3::from(m), m[3], m[4]};
-              w.linear = linearize_contact(p, friction_, w.depth, w.normal, w.velocity, memory);
-              add_contact(w, k);
-            }
-          }
-        }
-        if (!w.active && was_active)
-          for (int n = 0; n < 5; ++n) m[n] = constant(0);
+        touch_ground(contacts_[index], k, numbers_.contacts[index], widest_[index], near, memory(index));
       }
     }
+  }
+
+  /// The contact of one sphere with the ground, of a body or an object. `reach` is the sphere's widest radius over the lanes.
+  [[gnu::always_inline]] void touch_ground(ContactWork& w, BodyWork<S>& k, const SphereNumbers<S>& sphere, T reach, bool near, S* m) {
+    const bool was_active = w.active;
+    w.active = false;
+    if (near) {
+      const Vector3 center = k.rotation * sphere.center;
+      const Vector3 point = k.position + center;
+      if (core::any(point.z < highest_ + sphere.radius)) {
+        const GroundSample<S> sample = own_places_ ? sample_places(point, reach) : ground_->sample(point, reach);
+        w.depth = sphere.radius - sample.distance;
+        if (core::any(w.depth > constant(0))) {
+          w.active = true;
+          w.normal = sample.normal;
+          put_contact(w, k, center - sphere.radius * sample.normal);
+          w.memory = {Vector3::from(m), m[3], m[4]};
+          w.linear = linearize_contact(*parameters_, friction_, w.depth, w.normal, w.velocity, w.memory);
+          add_contact(w, k);
+        }
+      }
+    }
+    if (!w.active && was_active)
+      for (int n = 0; n < ground_numbers; ++n) m[n] = constant(0);
+  }
+
+  /// Puts a contact at `arm` on a body (m, from its joint, world) and takes down how that place moves.
+  [[gnu::always_inline]] static void put_contact(ContactWork& w, const BodyWork<S>& k, const Vector3& arm) {
+    w.arm = arm;
+    w.velocity = k.linear + cross(k.angular, arm);
+    w.centripetal = cross(k.angular, cross(k.angular, arm));
   }
 
   /// f = f0 - K (u + dt (a + alpha x arm + centripetal)) seen as inertia and bias of the body.
@@ -531,8 +535,6 @@ class Lanes {
   }
 
   [[gnu::always_inline]] void settle_contacts(const Vector3& center, Vector3& force, Vector3& moment) {
-    const Parameters& p = *parameters_;
-    const S dt = constant(p.dt);
     for (std::size_t i = 0; i < model_->bodies.size(); ++i) {
       const MovingBody& b = model_->bodies[i];
       const BodyWork<S>& k = work_.bodies[i];
@@ -540,14 +542,7 @@ class Lanes {
         const auto index = static_cast<std::size_t>(b.first_contact + c);
         ContactWork& w = contacts_[index];
         if (!w.active) continue;
-        const Vector3 after = w.velocity + dt * (k.acceleration + cross(k.alpha, w.arm) + w.centripetal);
-        const Vector3 f = w.linear.force - w.linear.resistance * after;
-        S* m = memory(index);
-        ContactMemory<S> memory{Vector3::from(m), m[3], m[4]};
-        update_contact(p, friction_, w.depth, w.normal, w.velocity, after, f, memory);
-        memory.bristle.store(m);
-        m[3] = memory.normal_force;
-        m[4] = memory.sliding_speed;
+        const Vector3 f = settle_touch(w, k, memory(index), Vector3::zero(), Vector3::zero());
         force += f;
         moment += cross(k.position + w.arm - center, f);
         body_force_[i] += f;
@@ -702,8 +697,7 @@ class Lanes {
   }
   void place_grip(int lane, int grip, const Model& model) {
     Grip& g = grips_[static_cast<std::size_t>(grip)];
-    const auto j = static_cast<std::size_t>(g.joint);
-    const core::Vector3<double> at = model.welded_place[j] + model.welded_rotation[j].rotate(g.in_joint);
+    const core::Vector3<double> at = model.on_moving_body(g.joint, g.in_joint);
     core::set_lane(g.point.x, lane, static_cast<T>(at.x));
     core::set_lane(g.point.y, lane, static_cast<T>(at.y));
     core::set_lane(g.point.z, lane, static_cast<T>(at.z));
@@ -883,9 +877,7 @@ class Lanes {
         }
         x.id = *ids[e];
         x.normal = found[e]->normal;
-        x.arm = middle + found[e]->arm - radius * x.normal;
-        x.velocity = k.linear + cross(k.angular, x.arm);
-        x.centripetal = cross(k.angular, cross(k.angular, x.arm));
+        put_contact(x, k, middle + found[e]->arm - radius * x.normal);
       }
       if (!w[0].active) continue;
       // Zero means no box, so boxes are remembered as one more than their index.
@@ -919,10 +911,16 @@ class Lanes {
            2 * touch_numbers * static_cast<std::ptrdiff_t>(feature);
   }
 
-  /// The contact after the step: its force, and its memory moved on. `other` is the velocity of what it touches.
-  Vector3 settle_touch(ContactWork& w, const BodyWork<S>& k, S* m, const Vector3& other_before, const Vector3& other_after) {
-    const S dt = constant(parameters_->dt);
-    const Vector3 after = w.velocity + dt * (k.acceleration + cross(k.alpha, w.arm) + w.centripetal);
+  /// The velocity of a contact's place on its body at the end of the step.
+  [[gnu::always_inline]] Vector3 velocity_after(const ContactWork& w, const BodyWork<S>& k) const {
+    return w.velocity + constant(parameters_->dt) * (k.acceleration + cross(k.alpha, w.arm) + w.centripetal);
+  }
+
+  /// The contact after the step: its force, and its memory moved on, in the state at `m`. `other_before` and `other_after` are
+  /// the velocities of what it touches.
+  [[gnu::always_inline]] Vector3 settle_touch(ContactWork& w, const BodyWork<S>& k, S* m, const Vector3& other_before,
+                                              const Vector3& other_after) {
+    const Vector3 after = velocity_after(w, k);
     const Vector3 f = w.linear.force - w.linear.resistance * after;
     update_contact(*parameters_, friction_, w.depth, w.normal, w.velocity - other_before, after - other_after, f, w.memory);
     w.memory.bristle.store(m);
@@ -954,31 +952,8 @@ class Lanes {
       w.force = w.moment = Vector3::zero();
       w.touching = zero;
       const bool low = core::any(k.position.z < highest_ + w.reach);
-      for (std::size_t c = 0; c < w.contacts.size(); ++c) {
-        ContactWork& u = o.own_ground[c];
-        S* m = state_.data() + o.ground + ground_numbers * static_cast<std::ptrdiff_t>(c);
-        const bool was_active = u.active;
-        u.active = false;
-        if (low) {
-          const Vector3 center = k.rotation * w.contacts[c].center;
-          const S radius = w.contacts[c].radius;
-          const Vector3 point = k.position + center;
-          const GroundSample<S> sample = own_places_ ? sample_places(point, T(1)) : ground_->sample(point, T(1));
-          u.depth = radius - sample.distance;
-          if (core::any(u.depth > zero)) {
-            u.active = true;
-            u.normal = sample.normal;
-            u.arm = center - radius * sample.normal;
-            u.velocity = k.linear + cross(k.angular, u.arm);
-            u.centripetal = cross(k.angular, cross(k.angular, u.arm));
-            u.memory = {Vector3::from(m), m[3], m[4]};
-            u.linear = linearize_contact(p, friction_, u.depth, u.normal, u.velocity, u.memory);
-            add_contact(u, k);
-          }
-        }
-        if (!u.active && was_active)
-          for (int n = 0; n < ground_numbers; ++n) m[n] = zero;
-      }
+      for (std::size_t c = 0; c < w.contacts.size(); ++c)
+        touch_ground(o.own_ground[c], k, w.contacts[c], T(1), low, state_.data() + o.ground + ground_numbers * static_cast<std::ptrdiff_t>(c));
       if (has_boxes_)
         touch_boxes(k, w.features.data(), o.kinds.data(), static_cast<int>(w.features.size()), w.reach, o.own_touches.data(),
                     state_.data() + o.touches, o.touching);
@@ -1004,9 +979,7 @@ class Lanes {
             if (core::any(u.depth > zero)) {
               u.active = true;
               u.normal = t.normal;
-              u.arm = body.rotation * numbers.center + t.arm - numbers.radius * t.normal;
-              u.velocity = body.linear + cross(body.angular, u.arm);
-              u.centripetal = cross(body.angular, cross(body.angular, u.arm));
+              put_contact(u, body, body.rotation * numbers.center + t.arm - numbers.radius * t.normal);
               u.other_arm = body.position + u.arm - k.position;
               u.memory = {Vector3::from(m), m[3], m[4]};
               u.linear = linearize_contact(p, friction_, u.depth, u.normal, u.velocity - other_velocity(k, u), u.memory);
@@ -1037,9 +1010,7 @@ class Lanes {
       u.active = core::any(m[0] > zero);
       if (!u.active) continue;
       const BodyWork<S>& k = work_.bodies[static_cast<std::size_t>(g.body)];
-      u.arm = k.rotation * g.point;
-      u.velocity = k.linear + cross(k.angular, u.arm);
-      u.centripetal = cross(k.angular, cross(k.angular, u.arm));
+      put_contact(u, k, k.rotation * g.point);
       Vector3 anchor = Vector3::from(m + 1);
       if (g.object >= 0) {
         ObjectWork<S>& o = objects_[static_cast<std::size_t>(g.object)].work;
@@ -1116,8 +1087,7 @@ class Lanes {
         remember_box(u, m);
       }
     const auto implicit = [&](const ContactWork& u) {
-      const BodyWork<S>& k = work_.bodies[static_cast<std::size_t>(u.body)];
-      return u.linear.force - u.linear.resistance * (u.velocity + dt * (k.acceleration + cross(k.alpha, u.arm) + u.centripetal));
+      return u.linear.force - u.linear.resistance * velocity_after(u, work_.bodies[static_cast<std::size_t>(u.body)]);
     };
     const auto pass_on = [&](Object& o, const ContactWork& u, const Vector3& f) {
       o.work.force -= f;

@@ -56,7 +56,13 @@ struct Model {
   std::vector<core::Quaternion<double>> welded_rotation;  ///< each joint's frame seen from its moving body
   int nq = 0, nv = 0;
   double total_mass = 0;
-  double reach = 0;  ///< no part of the body is farther from the root's origin, joints bent or not, m
+  double reach = 0;  ///< no part of the character is farther from the root's origin, joints bent or not, m
+
+  /// A point of a joint's frame (m) in the frame of the moving body that carries the joint.
+  core::Vector3<double> on_moving_body(int joint, const core::Vector3<double>& point) const {
+    const auto j = static_cast<std::size_t>(joint);
+    return welded_place[j] + welded_rotation[j].rotate(point);
+  }
 };
 
 /// The features of one shape, in the shape's own axes, `body` left at zero. A box has rounded corners and edges: all twelve,

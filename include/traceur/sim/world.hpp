@@ -138,11 +138,9 @@ class World {
 
   /// Force (N, world) on the body of joint `joint` at a point of that joint's frame (m), during the next call of `step`.
   void push(int lane, int joint, const core::Vector3<double>& force, const core::Vector3<double>& point = {0, 0, 0}) {
-    const auto j = static_cast<std::size_t>(joint);
-    const int b = model().moving_of_joint[j];
+    const int b = model().moving_of_joint[static_cast<std::size_t>(joint)];
     if (b < 0) return;
-    const core::Vector3<double> at = model().welded_place[j] + model().welded_rotation[j].rotate(point);
-    group(lane).push(lane % width, b, force.cast<T>(), at.cast<T>());
+    group(lane).push(lane % width, b, force.cast<T>(), model().on_moving_body(joint, point).template cast<T>());
   }
 
   /// Advances all lanes by `count` time steps.
