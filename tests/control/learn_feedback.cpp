@@ -44,7 +44,7 @@ struct Task {
     c.start_pose = c.reference.poses.col(0);
     c.start_velocity = c.reference.velocities.col(0);
     settings.population = 12;
-    settings.starts = 4;
+    settings.starts = 8;
     settings.generations = 12;
     settings.validation_episodes = 12;
     settings.validate_every = 3;
@@ -121,7 +121,7 @@ TEST_CASE("a few generations learn to keep standing; threads and interruptions d
   const double before = task.validate(task.c.law), after = task.validate(done.best_law);
   MESSAGE("validation ", before, " without feedback, ", after, " with");
   CHECK(after == doctest::Approx(done.best_validation).epsilon(1e-12));
-  CHECK(after < 0.95 * before);
+  CHECK(after < 0.9 * before);
   for (std::size_t k = 1; k < history.size(); ++k) {
     CHECK(history[k].best_validation <= history[k - 1].best_validation);
     CHECK(history[k].perturbation >= history[k - 1].perturbation);
