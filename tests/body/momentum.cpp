@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/body/momentum.hpp>
+
 #include <vector>
 
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/body/momentum.hpp>
 #include <traceur/body/pose.hpp>
 
 using namespace body_test;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/body/pose.hpp>
+
 #include <cmath>
 #include <string>
 #include <type_traits>
@@ -8,7 +10,6 @@
 
 #include "../core/support.hpp"
 #include "support.hpp"
-#include <traceur/body/pose.hpp>
 
 using namespace body_test;
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/body/proportions.hpp>
+
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -6,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/body/momentum.hpp>
-#include <traceur/body/proportions.hpp>
 #include <traceur/core/error.hpp>
 #include <traceur/io/mjcf.hpp>
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/body/skeleton.hpp>
+
 #include <cmath>
 #include <limits>
 #include <string>
@@ -7,7 +9,6 @@
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/body/skeleton.hpp>
 
 using namespace body_test;
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/error.hpp>
+
 #include <stdexcept>
 #include <string>
 #include <type_traits>
 
 #include <doctest/doctest.h>
-
-#include <traceur/core/error.hpp>
 
 static_assert(std::is_base_of_v<std::runtime_error, traceur::Error>);
 

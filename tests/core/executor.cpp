@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/executor.hpp>
+
 #include <atomic>
 #include <stdexcept>
 #include <string>
@@ -6,8 +8,6 @@
 #include <vector>
 
 #include <doctest/doctest.h>
-
-#include <traceur/core/executor.hpp>
 
 using traceur::core::Executor;
 using traceur::core::SerialExecutor;

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/matrix3.hpp>
+
 #include <Eigen/Geometry>
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/core/matrix3.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/pack.hpp>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,7 +11,6 @@
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/core/pack.hpp>
 
 #define PACKS Pack<float>, Pack<double>, Pack<float, 4>, Pack<double, 2>, Pack<float, 8>, Pack<float, 1>, Pack<float, 2>
 

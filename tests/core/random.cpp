@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/random.hpp>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,8 +11,6 @@
 #include <vector>
 
 #include <doctest/doctest.h>
-
-#include <traceur/core/random.hpp>
 
 using traceur::core::philox4x32;
 using traceur::core::RandomStream;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/rotation.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -6,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/core/rotation.hpp>
 
 namespace {
 

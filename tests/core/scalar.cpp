@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/scalar.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -7,7 +9,6 @@
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/core/scalar.hpp>
 
 namespace near_miss {
 

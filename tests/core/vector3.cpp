@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/vector3.hpp>
+
 #include <algorithm>
 #include <cmath>
 
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/core/vector3.hpp>
 
 namespace {
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/core/version.hpp>
+
 #include <string>
 
 #include <doctest/doctest.h>
-
-#include <traceur/core/version.hpp>
 
 using traceur::core::Version;
 

@@ -1,3 +1,3 @@
 // SPDX-License-Identifier: MIT
-// Linked with one unit per public header; that this program links is the test.
+// Linked with two units of every public header; that this program links is the test.
 int main() {}

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/asf_amc.hpp>
+
 #include <algorithm>
 #include <fstream>
 #include <numbers>
@@ -9,7 +11,6 @@
 #include <doctest/doctest.h>
 
 #include "motions.hpp"
-#include <traceur/io/asf_amc.hpp>
 #include <traceur/io/bvh.hpp>
 
 using motions::contains;

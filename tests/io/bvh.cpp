@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/bvh.hpp>
+
 #include <clocale>
 #include <fstream>
 #include <locale>
@@ -11,7 +13,6 @@
 #include <doctest/doctest.h>
 
 #include "motions.hpp"
-#include <traceur/io/bvh.hpp>
 
 using motions::contains;
 using motions::distance;

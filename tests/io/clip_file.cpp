@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/clip_file.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -9,7 +11,6 @@
 #include <doctest/doctest.h>
 
 #include "motions.hpp"
-#include <traceur/io/clip_file.hpp>
 
 using motions::contains;
 using motions::error_of;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/deepmimic.hpp>
+
 #include <fstream>
 #include <string>
 #include <vector>
@@ -7,7 +9,6 @@
 #include <doctest/doctest.h>
 
 #include "motions.hpp"
-#include <traceur/io/deepmimic.hpp>
 
 using motions::contains;
 using motions::distance;

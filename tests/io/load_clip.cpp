@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/load_clip.hpp>
+
 #include <cmath>
 #include <fstream>
 #include <sstream>
@@ -8,7 +10,6 @@
 #include <doctest/doctest.h>
 
 #include "motions.hpp"
-#include <traceur/io/load_clip.hpp>
 
 using motions::contains;
 using motions::error_of;

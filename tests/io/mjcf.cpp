@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/mjcf.hpp>
+
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -9,7 +11,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/body/momentum.hpp>
-#include <traceur/io/mjcf.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/motion_json.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -10,7 +12,6 @@
 
 #include "motions.hpp"
 #include <traceur/io/deepmimic.hpp>
-#include <traceur/io/motion_json.hpp>
 
 using Json = nlohmann::json;
 using motions::contains;

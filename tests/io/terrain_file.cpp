@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/io/terrain_file.hpp>
+
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -6,8 +8,6 @@
 #include <string>
 
 #include <doctest/doctest.h>
-
-#include <traceur/io/terrain_file.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/optimize/cma_es.hpp>
+
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -15,7 +17,6 @@
 
 #include <traceur/core/executor.hpp>
 #include <traceur/core/random.hpp>
-#include <traceur/optimize/cma_es.hpp>
 #include <traceur/optimize/objective.hpp>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/optimize/objective.hpp>
+
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
@@ -8,7 +10,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
-#include <traceur/optimize/objective.hpp>
 
 using namespace traceur::optimize;
 using traceur::Error;

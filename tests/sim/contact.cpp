@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/contact.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -6,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
-#include <traceur/sim/contact.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/dynamics.hpp>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -6,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/sim/dynamics.hpp>
 
 namespace {
 

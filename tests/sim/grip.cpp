@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/grip.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>

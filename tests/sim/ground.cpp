@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/ground.hpp>
+
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -6,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
-#include <traceur/sim/ground.hpp>
 
 using traceur::Error;
 using traceur::core::Pack;

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What lanes promise each other: independence to the bit, exact save and restore, no allocation, survival.
+#include <traceur/sim/lanes.hpp>
+
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -11,7 +13,6 @@
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/sim/lanes.hpp>
 
 namespace {
 std::atomic<long> allocations{0};

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/model.hpp>
+
 #include <string>
 
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/sim/model.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/numbers.hpp>
+
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/obstacle.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -7,7 +9,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
-#include <traceur/sim/obstacle.hpp>
 
 namespace {
 

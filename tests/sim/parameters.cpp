@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/parameters.hpp>
+
 #include <cmath>
 #include <limits>
 #include <string>
 
 #include <doctest/doctest.h>
-
-#include <traceur/sim/parameters.hpp>
 
 using traceur::sim::Parameters;
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/scene.hpp>
+
 #include <cmath>
 #include <memory>
 #include <vector>
@@ -7,7 +9,6 @@
 
 #include "support.hpp"
 #include <traceur/core/error.hpp>
-#include <traceur/sim/scene.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/self_collision.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -6,7 +8,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
-#include <traceur/sim/self_collision.hpp>
 
 namespace {
 

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/simulator.hpp>
+
 #include <cmath>
 
 #include <doctest/doctest.h>
 
 #include "support.hpp"
-#include <traceur/sim/simulator.hpp>
 #include <traceur/sim/world.hpp>
 
 namespace {

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/terrain/box_scene.hpp>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,7 +12,6 @@
 #include <doctest/doctest.h>
 
 #include <traceur/core/random.hpp>
-#include <traceur/terrain/box_scene.hpp>
 
 namespace {
 

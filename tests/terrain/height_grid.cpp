@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/terrain/height_grid.hpp>
+
 #include <limits>
 #include <string>
 
 #include <doctest/doctest.h>
-
-#include <traceur/terrain/height_grid.hpp>
 
 namespace {
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/terrain/signed_distance.hpp>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -6,8 +8,6 @@
 #include <vector>
 
 #include <doctest/doctest.h>
-
-#include <traceur/terrain/signed_distance.hpp>
 
 namespace {
 
