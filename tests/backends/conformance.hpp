@@ -41,6 +41,7 @@ struct Bounds {
   double grip = 0.005;           ///< m, between what a grip ties together, a body of 5 kg hanging
   double hanging = 0.005;        ///< m, the same of a humanoid that swings by one hand
   double push = 0.01;            ///< relative, of the speed a push gives
+  double rest = 0.005;           ///< m, between where a dropped box comes to rest and where it should
 };
 
 template <class W>
@@ -319,6 +320,44 @@ void rubs(const Bounds& bounds) {
   CHECK(speed == doctest::Approx(0.5 * a).epsilon(3 * bounds.slide));
 }
 
+/// Where a flat box comes to rest that is let fall 0.1 m onto whatever is below x, m.
+template <class W>
+Vector place_of_rest(const Scene& scene, double x, double below, const Vector& velocity = {0, 0, 0}) {
+  const Character c = scene::box({0.2, 0.2, 0.05}, 5);
+  Parameters p;
+  p.friction = 0.5;
+  W w = make<W>(c, 1, p, scene);
+  Eigen::VectorXd q = c.skeleton.neutral_pose(), v = rest_velocity(c);
+  q.head(3) << x, 0, below + (norm(velocity) > 0 ? 0.05 : 0.15);
+  velocity.store(v.data());
+  w.reset(0, q, v);
+  w.step(3 * 480);
+  CHECK_FALSE(w.failed(0));
+  CHECK(conformance::velocity(w).norm() < 0.02);
+  return Vector::from(pose(w).data());
+}
+
+template <class W>
+void drops(const Bounds& bounds) {
+  const auto near = [&](const Vector& found, const Vector& expected) { return norm(found - expected) <= bounds.rest; };
+  CHECK(near(place_of_rest<W>({}, 0.3, 0), {0.3, 0, 0.05}));
+  // Struck at 3 m/s it slides as far as Coulomb lets it.
+  const double slid = place_of_rest<W>({}, 0, 0, {3, 0, 0}).x, expected = 9 / (2 * 0.5 * Parameters{}.gravity);
+  MESSAGE("struck at 3 m/s slides " << slid / expected << " of the closed form");
+  CHECK(slid == doctest::Approx(expected).epsilon(bounds.slide));
+  if constexpr (has_scenes<W>) {
+    Scene stair;
+    stair.boxes = traceur::terrain::BoxScene({traceur::terrain::Box{{-1, 0, 0.15}, {1, 1, 0.15}}});
+    const Vector stays = place_of_rest<W>(stair, -0.05, 0.3);
+    MESSAGE("dropped with its middle 50 mm inside a stair's edge: rests " << 1000 * norm(stays - Vector{-0.05, 0, 0.35}) << " mm off");
+    CHECK(near(stays, {-0.05, 0, 0.35}));
+    const Vector tips = place_of_rest<W>(stair, 0.05, 0.3);
+    MESSAGE("and 50 mm outside: comes to rest at " << tips.x << ", " << tips.z << " m");
+    CHECK(tips.x > 0.1);
+    CHECK(tips.z < 0.25);
+  }
+}
+
 template <class W>
 void holds_on(const Bounds& bounds) {
   if constexpr (!has_grips<W>) {
@@ -488,6 +527,7 @@ void conforms(const Bounds& bounds) {
   SUBCASE("a motor's step response") { follows_targets<W>(bounds); }
   SUBCASE("a motor's torque limit") { limits_torque<W>(bounds); }
   SUBCASE("friction on a slope") { rubs<W>(bounds); }
+  SUBCASE("boxes let fall and struck") { drops<W>(bounds); }
   SUBCASE("grips") { holds_on<W>(bounds); }
   SUBCASE("same calls, same bits, lane by lane") { repeats<W>(); }
   SUBCASE("pushes") { is_pushed<W>(bounds); }

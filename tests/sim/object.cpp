@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: MIT
+#include <traceur/sim/object.hpp>
+
 #include <cmath>
 #include <limits>
 
@@ -6,7 +8,6 @@
 
 #include "support.hpp"
 #include <traceur/core/error.hpp>
-#include <traceur/sim/object.hpp>
 
 namespace {
 
@@ -163,6 +164,26 @@ TEST_CASE("what a character gains in momentum an object loses, however light or 
       CHECK(norm(world.object_velocity(0, 0)) < 6);
       CHECK_FALSE(world.failed(0));
     }
+}
+
+TEST_CASE("a struck ball takes the momentum of an impact that does not bounce, and little more") {
+  for (const double mass : {0.5, 5.0, 50.0}) {
+    const ObjectShape ball{Kind::sphere, {0.15, 0, 0}, mass, {1, 0, 100}};
+    scene::Character striker = scene::box({0.2, 0.2, 0.2}, 10);
+    striker.shapes[0].kind = traceur::body::Shape::Kind::sphere;
+    World<double> world(striker, 1, {}, Scene{}, with(ball));
+    world.set_gravity(0, 0);
+    Eigen::VectorXd q = world.character().skeleton.neutral_pose();
+    q.head(3) << 0, 0, 100;
+    world.reset(0, q, Eigen::VectorXd::Zero(6));
+    world.set_object(0, 0, {0.36, 0, 100}, Quaternion::identity(), {-3, 0, 0});
+    world.step(480);
+    const double plastic = 3 * mass * 10 / (mass + 10);
+    const double taken = world.linear_momentum(0).x;
+    MESSAGE("ball of " << mass << " kg: passes on " << -taken / plastic << " of a plastic impact's momentum");
+    CHECK(-taken / plastic > 0.95);
+    CHECK(-taken / plastic < 1.1);
+  }
 }
 
 TEST_CASE("a humanoid stands on a box that lies on the ground") {
