@@ -59,6 +59,25 @@ TEST_CASE("a closed cycle ends where the next begins; travel, heading and the un
   CHECK(fails_with([&] { motion::close_cycle(open, 0); }, "clip 'drifted': close_cycle"));
 }
 
+TEST_CASE("a straightened cycle repeats without turning and is as long") {
+  Gait g;
+  g.turn = 0.5;
+  const Clip turning = motion::close_cycle(gait(g, g.period, 49)), straight = motion::straighten_cycle(turning);
+  CHECK_NOTHROW(straight.check());
+  const Vec next = carried_start(straight);
+  CHECK(distance(straight.skeleton, straight.poses.col(48), next) < 1e-9);
+  CHECK((next.tail(next.size() - 2) - straight.poses.col(0).tail(next.size() - 2)).cwiseAbs().maxCoeff() < 1e-9);
+  CHECK((next.head(2) - straight.poses.col(0).head(2)).norm() > 0.1);
+  for (int k = 1; k < 49; ++k) {
+    const auto step = [&](const Clip& c) { return (c.poses.col(k) - c.poses.col(k - 1)).head(2).norm(); };
+    CHECK(step(straight) == doctest::Approx(step(turning)).epsilon(1e-12));
+    CHECK((straight.poses.col(k) - turning.poses.col(k)).tail(straight.skeleton.nq() - 7).norm() == 0);
+  }
+  Clip open = turning;
+  open.cyclic = false;
+  CHECK(fails_with([&] { motion::straighten_cycle(open); }, "straighten_cycle: expected a cyclic clip"));
+}
+
 TEST_CASE("a symmetrized gait mirrors itself half a cycle later") {
   const Mirror mirror(biped());
   Gait g;

@@ -124,6 +124,29 @@ inline Clip close_cycle(const Clip& clip, double share = 0.7) {
   return out;
 }
 
+/// A cyclic clip without the turn of its cycle: each key is turned back by its share, in time, of the whole turn about the
+/// vertical, and steps of the root's path with it, so that the cycle keeps the length of its path and ends heading as it
+/// began. Throws Error unless the clip is cyclic and its root free.
+inline Clip straighten_cycle(const Clip& clip) {
+  detail::require_free_root(clip);
+  if (!clip.cyclic) throw Error(detail::where(clip) + ": straighten_cycle: expected a cyclic clip");
+  const int last = clip.keys() - 1;
+  const auto rotation = [&](int k) { return core::Quaternion<double>::from(clip.poses.col(k).data() + 3); };
+  const core::Vector3<double> up{0, 0, 1};
+  const double turn = core::twist_angle(core::heading(rotation(last)) * core::heading(rotation(0)).conjugate(), up);
+  const auto back = [&](double share) { return core::about_axis(up, -share * turn); };
+  Clip out = clip;
+  for (int k = 1; k <= last; ++k) {
+    const double here = clip.times[k] / clip.duration(), before = clip.times[k - 1] / clip.duration();
+    (back(here) * rotation(k)).store(out.poses.col(k).data() + 3);
+    core::Vector3<double> step{clip.poses(0, k) - clip.poses(0, k - 1), clip.poses(1, k) - clip.poses(1, k - 1), 0};
+    step = back(0.5 * (here + before)).rotate(step);
+    out.poses(0, k) = out.poses(0, k - 1) + step.x;
+    out.poses(1, k) = out.poses(1, k - 1) + step.y;
+  }
+  return out;
+}
+
 /// What symmetrize_gait takes as the half cycle that it repeats.
 enum class GaitHalf {
   mean,   ///< the mean of the first half and the mirrored second

@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
+#include <vector>
+
+#include "traceur/body/kinematics.hpp"
 #include "traceur/sim/contact.hpp"
+#include "traceur/sim/model.hpp"
 
 namespace traceur::sim {
 
@@ -38,6 +43,36 @@ template <class S>
   const S push = S(static_cast<T>(p.self_stiffness)) * depth +
                  S(static_cast<T>(p.self_damping)) * approach;
   return core::select(depth > zero, core::max(push, zero), zero) * normal;
+}
+
+/// Pairs of joints, for Extras::self_collisions, whose bodies should not pass through each other: all that are no neighbours
+/// in the tree and at least `apart` m from each other in the neutral pose.
+inline std::vector<std::array<int, 2>> self_collision_pairs(const Model& model, double apart = 0.005) {
+  const body::Skeleton& skeleton = model.character.skeleton;
+  const Eigen::VectorXd neutral = skeleton.neutral_pose();
+  body::Frames<double> frames(skeleton);
+  body::forward_kinematics(skeleton, neutral.data(), frames);
+  const auto near = [&](const MovingBody& a, const MovingBody& b) {
+    for (int i = a.first_feature; i < a.first_feature + a.features; ++i)
+      for (int j = b.first_feature; j < b.first_feature + b.features; ++j) {
+        const TouchingFeature &f = model.features[static_cast<std::size_t>(i)], &g = model.features[static_cast<std::size_t>(j)];
+        const auto turned = [&](const MovingBody& m, const core::Vector3<double>& v) {
+          return frames.point(m.joint, v) - frames.point(m.joint, {0, 0, 0});
+        };
+        const SegmentPair<double> p = closest_points(frames.point(a.joint, f.center), turned(a, f.half_axis),
+                                                     frames.point(b.joint, g.center), turned(b, g.half_axis));
+        if (norm(p.on_a - p.on_b) < f.radius + g.radius + apart) return true;
+      }
+    return false;
+  };
+  std::vector<std::array<int, 2>> out;
+  for (std::size_t a = 0; a < model.bodies.size(); ++a)
+    for (std::size_t b = a + 1; b < model.bodies.size(); ++b) {
+      const MovingBody &first = model.bodies[a], &second = model.bodies[b];
+      if (first.parent == static_cast<int>(b) || second.parent == static_cast<int>(a) || near(first, second)) continue;
+      out.push_back({first.joint, second.joint});
+    }
+  return out;
 }
 
 }  // namespace traceur::sim

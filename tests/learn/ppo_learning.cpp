@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: MIT
+// Two classic tasks are learnt from scratch.
+#include <traceur/learn/ppo.hpp>
+
+#include <doctest/doctest.h>
+
+#include <traceur/learn/cart_pole.hpp>
+#include <traceur/learn/episodes.hpp>
+#include <traceur/learn/pendulum.hpp>
+
+using namespace traceur;
+using namespace traceur::learn;
+
+namespace {
+
+template <class E>
+EpisodeReport judge(Ppo<>& ppo, E&& fresh, int steps) {
+  fresh.reset(12345);
+  return play_episodes<float>(fresh, [&](ConstColumns<float> seen, Columns<float> action) { ppo.mean_action(seen, action); },
+                              steps);
+}
+
+}  // namespace
+
+TEST_CASE("a pendulum is swung up after 307200 samples") {
+  PpoParameters p;
+  p.seed = 3;
+  p.steps = 1024;
+  p.minibatch = 256;
+  p.policy_rate = p.value_rate = 1e-3;
+  Ppo<> ppo(nn::Mlp<>({3, 64, 64, 1}), nn::Mlp<>({3, 64, 64, 1}),
+            nn::GaussianHead(1, 1.0, nn::GaussianHead::Deviation::learned), 4, p);
+  Pendulum<float> environments(4);
+  const double before = judge(ppo, Pendulum<float>(200), 200).mean();
+  PpoReport report;
+  while (ppo.samples() < 307200) report = ppo.iterate(environments);
+  CHECK(ppo.samples() == 307200);
+  CHECK(before < -1000);
+  CHECK(judge(ppo, Pendulum<float>(200), 200).mean() >= -200);
+  CHECK(report.explained_variance > 0.9);
+}
+
+TEST_CASE("a pole is balanced for 500 steps from every start") {
+  PpoParameters p;
+  p.steps = 64;
+  p.minibatch = 256;
+  p.epochs = 4;
+  p.gamma = 0.99;
+  p.reward_scale = 0.05;
+  p.policy_rate = p.value_rate = 2e-3;
+  Ppo<> ppo(nn::Mlp<>({4, 64, 64, 1}), nn::Mlp<>({4, 64, 64, 1}),
+            nn::GaussianHead(1, 1.0, nn::GaussianHead::Deviation::learned), 16, p);
+  CartPole<float> environments(16);
+  for (int i = 0; i < 80; ++i) ppo.iterate(environments);
+  const EpisodeReport report = judge(ppo, CartPole<float>(100), 500);
+  CHECK(report.steps.minCoeff() == 500);
+}
