@@ -3,7 +3,7 @@
 
 #include <csignal>
 
-namespace perform {
+namespace example {
 
 namespace {
 volatile std::sig_atomic_t asked = 0;
@@ -19,4 +19,4 @@ void listen_for_interruption() {
 }
 bool interruption_asked() { return asked != 0; }
 
-}  // namespace perform
+}  // namespace example

@@ -4,7 +4,7 @@
 #include <chrono>
 #include <cstdio>
 
-namespace perform {
+namespace example {
 
 /// Thrown by a long step after it has saved what it needs to go on another day.
 struct Interrupted {};
@@ -43,4 +43,4 @@ private:
   Clock clock_;
 };
 
-}  // namespace perform
+}  // namespace example

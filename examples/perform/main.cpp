@@ -13,7 +13,7 @@
 #include "options.hpp"
 #include "performer.hpp"
 #include "preparation.hpp"
-#include "progress.hpp"
+#include "../common/progress.hpp"
 #include "results.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/io/controller_file.hpp"
@@ -21,6 +21,7 @@
 namespace {
 
 using namespace perform;
+using namespace example;
 using traceur::control::TrackingReference;
 
 void test_and_show(const Options& options, const Scene& scene, Learned learned, const TrackingReference& measured,

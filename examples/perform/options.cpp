@@ -4,8 +4,8 @@
 #include <fstream>
 #include <map>
 
-#include <CLI/CLI.hpp>
-
+#include "../common/command_line.hpp"
+#include "../common/results.hpp"
 #include "job_folder.hpp"
 #include "simulators.hpp"
 #include "traceur/core/error.hpp"
@@ -15,20 +15,10 @@ namespace perform {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
+using example::absolute_path;
+using example::default_character;
 
 namespace {
-
-/// The humanoid that comes with the examples: in the source tree, or beside an installed program.
-fs::path default_character() {
-  const fs::path inside = fs::path("characters") / "humanoid.xml";
-  fs::path found = fs::path(TRACEUR_EXAMPLES_DIR) / inside;
-  std::error_code failure;
-  if (fs::exists(found, failure)) return found;
-  const fs::path program = fs::read_symlink("/proc/self/exe", failure);
-  return program.parent_path().parent_path() / "share" / "traceur" / inside;
-}
-
-fs::path absolute_path(const fs::path& path) { return path.empty() ? path : fs::absolute(path).lexically_normal(); }
 
 /// What the job in the folder was begun with, in place of what this command line leaves open.
 void take_over(Options& o, const Json& begun, const CLI::App& app) {
@@ -132,17 +122,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--dt-hz", o.dt_hz, "simulation steps a second, a multiple of 60 (default 240)")
       ->check(CLI::Range(120, 60000));
   app.get_option("CLIP")->type_name("FILE");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::Success& s) {
-    app.exit(s);
-    return std::nullopt;
-  } catch (const CLI::ParseError& e) {
-    std::string what = e.what();
-    for (char& c : what)
-      if (c == '\n') c = ' ';
-    throw traceur::Error(what + " (--help lists the options)");
-  }
+  if (!example::parse(app, argc, argv)) return std::nullopt;
   o.resume = !resume.empty();
   for (fs::path* p :
        {&o.clip, &o.character, &o.terrain, &o.skeleton, &o.joint_map, &o.controller, &o.out, &o.report, &resume})

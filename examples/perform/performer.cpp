@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "performer.hpp"
 
-#include "progress.hpp"
+#include "../common/progress.hpp"
 #include "traceur/control/make_controller.hpp"
 
 namespace perform {
 
 using namespace traceur;
+using namespace example;
 using core::Quaternion;
 using core::Vector3;
 

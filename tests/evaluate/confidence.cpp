@@ -9,6 +9,8 @@
 
 #include <doctest/doctest.h>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
@@ -18,16 +20,7 @@ using evaluate::Interval;
 using evaluate::mean_interval;
 using evaluate::normal_quantile;
 using evaluate::wilson_interval;
-
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 }  // namespace
 

@@ -7,21 +7,14 @@
 
 #include <doctest/doctest.h>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
 using evaluate::CoverageHistogram;
 using evaluate::exploration_ratio;
-
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 }  // namespace
 

@@ -11,6 +11,8 @@
 
 #include <traceur/core/random.hpp>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
@@ -34,15 +36,7 @@ Eigen::MatrixXd any_points(RandomStream& random, int points, int frames) {
   return p;
 }
 
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 }  // namespace
 

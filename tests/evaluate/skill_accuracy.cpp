@@ -11,6 +11,8 @@
 
 #include <traceur/core/random.hpp>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
@@ -47,15 +49,7 @@ std::vector<SkillClip<T>> references() {
   return clips;
 }
 
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 template <class T>
 void check_judge(int band) {

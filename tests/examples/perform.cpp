@@ -1,40 +1,22 @@
 // SPDX-License-Identifier: MIT
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
-#include <sstream>
 #include <string>
 
 #include <doctest/doctest.h>
-#include <nlohmann/json.hpp>
-#include <sys/wait.h>
 
+#include "support.hpp"
 #include <traceur/io/clip_file.hpp>
 #include <traceur/io/mjcf.hpp>
 
 using namespace traceur;
-namespace fs = std::filesystem;
+using namespace examples_test;
 
 namespace {
 
 const fs::path program = fs::path(TRACEUR_BIN_DIR) / "perform";
 const fs::path humanoid = fs::path(TRACEUR_SOURCE_DIR) / "examples" / "characters" / "humanoid.xml";
 
-/// A folder of its own for each test case, empty at first.
-fs::path fresh(const std::string& name) {
-  const fs::path folder = fs::temp_directory_path() / "traceur-perform" / name;
-  fs::remove_all(folder);
-  fs::create_directories(folder);
-  return folder;
-}
-
-std::string text_of(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream out;
-  out << in.rdbuf();
-  return out.str();
-}
+fs::path fresh(const std::string& name) { return examples_test::fresh("perform", name); }
 
 void put(const fs::path& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
 
@@ -58,22 +40,9 @@ motion::Clip wave() {
   return c;
 }
 
-struct Outcome {
-  int status = -1;
-  std::string out, err;
-};
-
-Outcome shell(const fs::path& folder, const std::string& command) {
-  const fs::path out = folder / "stdout.txt", err = folder / "stderr.txt";
-  const int raw = std::system(("{ " + command + "\n} > '" + out.string() + "' 2> '" + err.string() + "'").c_str());
-  return {WIFEXITED(raw) ? WEXITSTATUS(raw) : -1, text_of(out), text_of(err)};
-}
-
 Outcome perform(const fs::path& folder, const std::string& arguments) {
   return shell(folder, program.string() + " " + arguments);
 }
-
-nlohmann::json report_of(const fs::path& out) { return nlohmann::json::parse(text_of(out / "report.json")); }
 
 struct EngineName {
   const char *name, *package;

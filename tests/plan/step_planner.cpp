@@ -11,6 +11,8 @@
 
 #include <traceur/core/random.hpp>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
@@ -56,15 +58,7 @@ std::vector<double> descend(const Parameters& p, double distance, double speed, 
   return v;
 }
 
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 }  // namespace
 

@@ -8,21 +8,14 @@
 
 #include <doctest/doctest.h>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
 using core::RandomStream;
 using terrain::HeightGrid;
-
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 /// The shortest run of equal heights along x or y.
 int thinnest(const Eigen::MatrixXd& h) {

@@ -6,6 +6,8 @@
 
 #include <doctest/doctest.h>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using traceur::Error;
@@ -19,15 +21,7 @@ HeightGrid staircase(int nx, int ny, double cell, double x0, double y0) {
   return HeightGrid(h, cell, x0, y0);
 }
 
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 }  // namespace
 

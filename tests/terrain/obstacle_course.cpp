@@ -10,6 +10,8 @@
 
 #include <doctest/doctest.h>
 
+#include "../error_message.hpp"
+
 namespace {
 
 using namespace traceur;
@@ -37,15 +39,7 @@ std::vector<Obstacle> obstacles() {
 
 double wrapped(double angle) { return std::remainder(angle, 2 * std::numbers::pi); }
 
-template <class F>
-std::string message(F&& f) {
-  try {
-    f();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
+using traceur_test::message;
 
 }  // namespace
 

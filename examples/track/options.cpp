@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: MIT
+#include "options.hpp"
+
+#include "../common/command_line.hpp"
+#include "../common/results.hpp"
+#include "traceur/core/error.hpp"
+#include "traceur/core/version.hpp"
+#include "traceur/io/safetensors.hpp"
+
+namespace track {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+using example::absolute_path;
+
+namespace {
+
+/// What the run that wrote a file was asked for.
+Json saved_arguments(const fs::path& path) {
+  const traceur::io::Safetensors file = traceur::io::read_safetensors(path);
+  const auto found = file.metadata.find("arguments");
+  const Json json = found == file.metadata.end() ? Json() : Json::parse(found->second, nullptr, false);
+  if (!json.is_object()) throw traceur::Error(path.string() + ": expected what a run of track wrote");
+  return json;
+}
+
+void take_over(Options& o, const Json& saved, const fs::path& path) {
+  try {
+    if (o.clips.empty())
+      for (const Json& clip : saved.at("clips")) o.clips.emplace_back(clip.get<std::string>());
+    if (o.character.empty()) o.character = saved.at("character").get<std::string>();
+    o.samples = saved.at("samples").get<double>();
+    o.seed = saved.at("seed").get<std::uint64_t>();
+    o.quick = saved.at("quick").get<bool>();
+  } catch (const Json::exception&) {
+    throw traceur::Error(path.string() + ": expected what a run of track wrote");
+  }
+}
+
+}  // namespace
+
+Json job_arguments(const Options& o) {
+  Json clips = Json::array();
+  for (const fs::path& clip : o.clips) clips.push_back(clip.string());
+  return Json{{"clips", clips},   {"character", o.character.string()},
+              {"samples", o.samples}, {"seed", o.seed},
+              {"quick", o.quick}};
+}
+
+std::optional<Options> read_options(int argc, char** argv) {
+  Options o;
+  fs::path resume;
+  CLI::App app(
+      "track learns a policy with which a simulated character tracks motion clips: proximal policy optimisation on\n"
+      "the tracking reward of DeepMimic. It tests the policy and writes a replay and learning curves.",
+      "track");
+  app.set_version_flag("--version", std::string(traceur::core::version_string));
+  app.add_option("CLIP", o.clips, "motions: BVH, AMC, DeepMimic, AMP or PARC JSON, or our own .jsonl")->type_name("FILE...");
+  app.add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
+  app.add_option("--out", o.out, "folder for policy.safetensors, checkpoint.safetensors, replay.html, curves.html");
+  app.add_option("--report", o.report, "report file, JSON (default: report.json in the --out folder)");
+  app.add_option("--samples", o.samples, "control steps to learn from (default 6e6, of several clips 6e6 for each)")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--minutes", o.minutes, "stop learning early after so much wall time (default: no limit)")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--seed", o.seed, "of all random numbers (default 1)");
+  app.add_option("--threads", o.threads, "number of threads, 0 for all (default); results do not depend on it")
+      ->check(CLI::Range(0, 1024));
+  app.add_option("--resume", resume, "continue the interrupted job in this folder");
+  app.add_option("--play", o.play, "test and show this policy instead of learning one");
+  app.add_flag("--quick", o.quick, "a run of under a minute, with less effort and poorer results");
+  if (!example::parse(app, argc, argv)) return std::nullopt;
+  for (fs::path* p : {&o.character, &o.out, &o.report, &o.play, &resume}) *p = absolute_path(*p);
+  for (fs::path& p : o.clips) p = absolute_path(p);
+  o.resume = !resume.empty();
+  if (o.resume && !o.play.empty()) throw traceur::Error("--resume and --play: expected one of them");
+  if (o.resume) {
+    if (!o.clips.empty() || app.count("--out") + app.count("--samples") + app.count("--seed") + app.count("--quick") > 0)
+      throw traceur::Error("--resume: the job knows its clips, samples, seed and folder; leave them out");
+    o.out = resume;
+    take_over(o, saved_arguments(o.out / "checkpoint.safetensors"), o.out / "checkpoint.safetensors");
+  }
+  if (!o.play.empty()) {
+    const double minutes = o.minutes;
+    take_over(o, saved_arguments(o.play), o.play);
+    o.minutes = minutes;
+  }
+  if (o.character.empty()) o.character = absolute_path(example::default_character());
+  if (o.clips.empty()) throw traceur::Error("expected a CLIP (--help lists the options)");
+  if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");
+  if (o.report.empty()) o.report = o.out / "report.json";
+  if (o.samples <= 0) o.samples = o.quick ? 2.5e5 : 6e6 * static_cast<double>(o.clips.size());
+  return o;
+}
+
+}  // namespace track

@@ -1,0 +1,268 @@
+// SPDX-License-Identifier: MIT
+#include "trainer.hpp"
+
+#include <cstdio>
+
+#include "../common/progress.hpp"
+#include "traceur/io/load_clip.hpp"
+#include "traceur/io/mjcf.hpp"
+#include "traceur/io/policy_file.hpp"
+#include "traceur/io/ppo_file.hpp"
+#include "traceur/learn/ppo.hpp"
+#include "traceur/motion/retarget.hpp"
+
+namespace track {
+
+using namespace traceur;
+using learn::TrackingStart;
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr int environments = 256, updates_in_block = 100, tests = 64;
+constexpr std::uint64_t test_seed = 7;
+
+sim::Extras extras_of(const sim::Model& model) {
+  sim::Extras out;
+  out.self_collisions = sim::self_collision_pairs(model);
+  return out;
+}
+
+learn::TrackingSettings settings_for(TrackingStart start) {
+  learn::TrackingSettings s;
+  s.start = start;
+  s.spread_ages = start == TrackingStart::anywhere;
+  return s;
+}
+
+learn::Ppo<float> make_ppo(const Environments& e, std::uint64_t seed) {
+  learn::PpoParameters p;
+  p.seed = seed;
+  p.reward_scale = 1 - p.gamma;
+  p.divergence_target = 0.03;
+  return {nn::Mlp<>({e.observations(), 256, 128, e.actions()}), nn::Mlp<>({e.observations(), 256, 128, 1}),
+          nn::GaussianHead(e.actions(), 1.0), e.environments(), p};
+}
+
+learn::Policy<float> policy_of(const learn::Ppo<float>& ppo) {
+  return {ppo.policy(), ppo.policy_parameters().head(ppo.policy().parameters()), ppo.normalizer()};
+}
+
+double mean_return(const std::vector<Evaluation>& by_motion) {
+  double sum = 0;
+  for (const Evaluation& e : by_motion) sum += e.normalized_return;
+  return sum / static_cast<double>(by_motion.size());
+}
+
+/// The run between two blocks, as a file.
+struct Checkpoint {
+  learn::PpoState<float> ppo;
+  learn::Policy<float> best;
+  Training training;
+  std::vector<double> priorities;
+};
+
+void save(const Options& o, const Checkpoint& c) {
+  const fs::path path = o.out / "checkpoint.safetensors";
+  io::Safetensors file(path.string());
+  io::add_ppo_state(file, c.ppo);
+  io::add_policy(file, c.best, "best.");
+  file.add<double>("priorities", {c.priorities.size()}, c.priorities);
+  std::vector<double> milestones{c.training.best_return, c.training.wall_s};
+  for (const Milestone& m : c.training.milestones)
+    milestones.insert(milestones.end(), {m.samples, m.wall_s, m.normalized_return, m.episode_s, m.divergence,
+                                         m.explained_variance, m.policy_rate});
+  file.add<double>("milestones", {milestones.size()}, milestones);
+  Json warnings = c.training.warnings;
+  file.metadata = {{"arguments", job_arguments(o).dump()}, {"warnings", warnings.dump()}};
+  io::write_safetensors(path, file);
+  io::write_policy(o.out / "policy.safetensors", c.best, {{"arguments", job_arguments(o).dump()}});
+}
+
+Checkpoint load(const Options& o) {
+  const io::Safetensors file = io::read_safetensors(o.out / "checkpoint.safetensors");
+  Checkpoint c{io::get_ppo_state(file), io::get_policy(file, "best."), {}, file.values<double>("priorities")};
+  const std::vector<double> m = file.values<double>("milestones");
+  if (m.size() < 2 || m.size() % 7 != 2) throw Error(file.where() + ": tensor 'milestones': expected 2 + 7 n numbers");
+  c.training.best_return = m[0];
+  c.training.wall_s = m[1];
+  for (std::size_t i = 2; i < m.size(); i += 7)
+    c.training.milestones.push_back({m[i], m[i + 1], m[i + 2], m[i + 3], m[i + 4], m[i + 5], m[i + 6]});
+  const auto warnings = file.metadata.find("warnings");
+  const Json json = warnings == file.metadata.end() ? Json() : Json::parse(warnings->second, nullptr, false);
+  if (json.is_array())
+    for (const Json& w : json)
+      if (w.is_string()) c.training.warnings.push_back(w.get<std::string>());
+  return c;
+}
+
+/// Says what looks wrong, once each.
+void look_for_trouble(Training& t, double share, double target) {
+  const auto warn = [&](const char* text) {
+    for (const std::string& w : t.warnings)
+      if (w == text) return;
+    t.warnings.emplace_back(text);
+    std::printf("warning: %s\n", text);
+  };
+  const Milestone& m = t.milestones.back();
+  if (m.divergence > 10 * target)
+    warn("the policy changes ten times faster than it should (divergence): look for a reward or an observation that explodes");
+  if (share > 0.1 && share < 0.7 && m.divergence < 0.1 * target)
+    warn("the policy hardly changes (divergence): the gradient is empty, or the learning rate at its bound");
+  if (share > 0.3 && m.explained_variance < 0.1)
+    warn("the value function does not foresee returns (explained variance): look at the normaliser and the reward's scale");
+  if (share > 0.5 && m.normalized_return < 0.2)
+    warn("episodes still end early: the clip may be beyond this body, or begin in the ground");
+}
+
+}  // namespace
+
+Scene load_scene(const Options& options) {
+  Scene s;
+  s.model = sim::make_model(io::read_mjcf(options.character));
+  s.roles = control::find_roles(s.model);
+  for (const fs::path& path : options.clips) {
+    const io::LoadedClip loaded = io::load_clip(path, {});
+    std::printf("%s", loaded.report.text().c_str());
+    const motion::Retargeted on_character = motion::retarget(loaded.clip, s.model.character, {});
+    std::printf("on '%s': %s", s.model.character.name.c_str(), on_character.report.text().c_str());
+    s.motions.push_back(learn::make_reference_motion(s.model, s.roles, on_character.clip, learn::TrackingSettings{}.control_hz));
+    const learn::ReferenceMotion& m = s.motions.back();
+    std::printf("motion '%s': %.2f s, %s\n", m.name.c_str(), m.ticks * m.tick, m.cyclic ? "repeated" : "done once");
+  }
+  return s;
+}
+
+Training train(const Scene& scene, const Options& options) {
+  core::ThreadExecutor executor(options.threads);
+  const sim::Ground<float> ground;
+  const sim::Extras extras = extras_of(scene.model);
+  Environments envs(scene.model, scene.roles, scene.motions, environments, settings_for(TrackingStart::anywhere), ground,
+                    extras, executor);
+  Environments judge(scene.model, scene.roles, scene.motions, tests, settings_for(TrackingStart::spread), ground, extras, executor);
+  learn::Ppo<float> ppo = make_ppo(envs, options.seed);
+  const auto failure_rates = envs.priorities().state();
+  Checkpoint c{ppo.state(), policy_of(ppo), {}, {failure_rates.begin(), failure_rates.end()}};
+  if (options.resume) {
+    c = load(options);
+    if (c.priorities.size() != scene.motions.size()) throw Error((options.out / "checkpoint.safetensors").string() + ": is of other clips");
+    std::copy(c.priorities.begin(), c.priorities.end(), failure_rates.begin());
+    std::printf("goes on after %.2f million samples\n", static_cast<double>(c.ppo.ticks) * environments / 1e6);
+  }
+  Training& t = c.training;
+  const example::Clock clock;
+  const double wall_before = t.wall_s;
+  const auto samples = [&] { return static_cast<double>(ppo.samples()); };
+  ppo.restore(c.ppo);
+  if (!options.resume) save(options, c);
+  example::ProgressLine line("learning, thousand samples", static_cast<int>(samples() / 1e3), static_cast<int>(options.samples / 1e3));
+  while (samples() < options.samples && !(options.minutes > 0 && wall_before + clock.seconds() > 60 * options.minutes)) {
+    ppo.restore(c.ppo);
+    Milestone m;
+    double steps = 0;
+    int ended = 0;
+    for (int k = 0; k < updates_in_block && samples() < options.samples; ++k) {
+      const learn::PpoReport r = ppo.iterate(envs, executor);
+      // Steps grow small towards the end, where the policy of the last update is otherwise no better than its neighbours.
+      const double left = std::max(0.0, 1 - samples() / options.samples);
+      ppo.set_policy_rate(std::min(ppo.policy_rate(), ppo.parameters().most_policy_rate * std::clamp(left / 0.3, 0.02, 1.0)));
+      m.divergence = r.divergence;
+      m.explained_variance = r.explained_variance;
+      m.policy_rate = r.policy_rate;
+      steps += r.episode_steps * (r.terminated + r.timed_out);
+      ended += r.terminated + r.timed_out;
+      char text[96];
+      std::snprintf(text, sizeof text, "reward %.3f a step, best return %.3f", r.reward, t.best_return);
+      line.tell(static_cast<int>(samples() / 1e3), text);
+      if (example::interruption_asked()) throw example::Interrupted{};
+    }
+    learn::Policy<float> policy = policy_of(ppo);
+    const auto act = [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); };
+    m.normalized_return = mean_return(learn::evaluate_tracking(judge, test_seed, act));
+    m.samples = samples();
+    m.wall_s = t.wall_s = wall_before + clock.seconds();
+    m.episode_s = ended > 0 ? steps / ended / envs.settings().control_hz : 0;
+    t.samples = m.samples;
+    t.milestones.push_back(m);
+    if (m.normalized_return >= t.best_return || t.milestones.size() == 1) {
+      t.best_return = m.normalized_return;
+      c.best = policy;
+    }
+    look_for_trouble(t, m.samples / options.samples, ppo.parameters().divergence_target);
+    c.ppo = ppo.state();
+    c.priorities.assign(failure_rates.begin(), failure_rates.end());
+    save(options, c);
+  }
+  t.samples = samples();
+  return t;
+}
+
+std::vector<Evaluation> test(const Scene& scene, const Options& options, learn::Policy<float>& policy, TrackingStart start, int count) {
+  core::ThreadExecutor executor(options.threads);
+  // A whole number of packs and of motions, and no fewer than asked for.
+  const int unit = core::lane_count<Lane> * static_cast<int>(scene.motions.size());
+  const int lanes = (count * static_cast<int>(scene.motions.size()) + unit - 1) / unit * unit;
+  Environments envs(scene.model, scene.roles, scene.motions, lanes, settings_for(start), sim::Ground<float>(), extras_of(scene.model), executor);
+  return learn::evaluate_tracking(envs, test_seed + 1, [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); });
+}
+
+Recording record(const Scene& scene, const Options&, learn::Policy<float>& policy, int motion) {
+  constexpr double shown_s = 12;
+  core::ThreadExecutor executor(1);
+  Environments envs(scene.model, scene.roles, {scene.motions[static_cast<std::size_t>(motion)]}, core::lane_count<Lane>,
+                    settings_for(TrackingStart::begin), sim::Ground<float>(), extras_of(scene.model), executor);
+  const sim::Model& model = scene.model;
+  const learn::ReferenceMotion& m = envs.motions()[0];
+  Recording out;
+  out.tick = m.tick;
+  Eigen::MatrixXf observation(envs.observations(), envs.environments()), action(envs.actions(), envs.environments());
+  learn::StepResult<float> result(envs.environments());
+  std::vector<Eigen::VectorXd> poses, references;
+  envs.reset(test_seed);
+  const auto look = [&] {
+    const sim::Lanes<Lane>& lanes = envs.lanes(0);
+    Eigen::VectorXd q(model.nq), r = m.poses.col(envs.tick(0)).cast<double>();
+    for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
+    r[0] += envs.shift(0)[0];
+    r[1] += envs.shift(0)[1];
+    for (Eigen::VectorXd* x : {&q, &r}) body::normalize(model.character.skeleton, x->data());
+    poses.push_back(q);
+    references.push_back(r);
+    body::Frames<double> frames(model.character.skeleton);
+    body::forward_kinematics(model.character.skeleton, q.data(), frames);
+    std::vector<Recording::Contact> contacts;
+    for (std::size_t b = 0; b < model.bodies.size(); ++b) {
+      const auto& f = lanes.body_force()[b];
+      const core::Vector3<double> force{core::lane_of(f.x, 0), core::lane_of(f.y, 0), core::lane_of(f.z, 0)};
+      if (norm(force) < 1 || model.bodies[b].contacts == 0) continue;
+      // The force acts on the body as a whole; it is shown at its lowest point.
+      core::Vector3<double> lowest{0, 0, 1e9};
+      for (int i = 0; i < model.bodies[b].contacts; ++i) {
+        const sim::ContactSphere& s = model.contacts[static_cast<std::size_t>(model.bodies[b].first_contact + i)];
+        const core::Vector3<double> at = frames.point(model.bodies[b].joint, s.center) - core::Vector3<double>{0, 0, s.radius};
+        if (at.z < lowest.z) lowest = at;
+      }
+      contacts.push_back({lowest, force});
+    }
+    out.contacts.push_back(contacts);
+  };
+  look();
+  for (int k = 0; k * out.tick < shown_s; ++k) {
+    envs.observe(observation);
+    policy.act(observation, action);
+    result.clear();
+    envs.step(action, result);
+    look();
+    if (envs.ending(0) != learn::TrackingEnd::running) break;
+  }
+  out.poses.resize(model.nq, static_cast<Eigen::Index>(poses.size()));
+  out.references = out.poses;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    out.poses.col(static_cast<Eigen::Index>(k)) = poses[k];
+    out.references.col(static_cast<Eigen::Index>(k)) = references[k];
+  }
+  return out;
+}
+
+}  // namespace track
