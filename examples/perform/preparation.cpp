@@ -6,6 +6,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "../common/retargeting.hpp"
 #include "traceur/io/load_clip.hpp"
 #include "traceur/io/mjcf.hpp"
 #include "traceur/io/terrain_file.hpp"
@@ -196,7 +197,7 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
   // A clip on terrain belongs where it is.
   options.align = !scene.terrain;
   options.flat_ground = !scene.terrain || scene.terrain->is_flat();
-  const motion::Retargeted on_character = motion::retarget(loaded.clip, scene.model.character, options);
+  const motion::Retargeted on_character = example::retarget(loaded.clip, scene.model.character, options);
   out.retarget = retarget_json(on_character.report);
   out.clip = on_character.clip;
   std::printf("on '%s': %s", scene.model.character.name.c_str(), on_character.report.text().c_str());

@@ -4,12 +4,12 @@
 #include <cstdio>
 
 #include "../common/progress.hpp"
+#include "../common/retargeting.hpp"
 #include "traceur/io/load_clip.hpp"
 #include "traceur/io/mjcf.hpp"
 #include "traceur/io/policy_file.hpp"
 #include "traceur/io/ppo_file.hpp"
 #include "traceur/learn/ppo.hpp"
-#include "traceur/motion/retarget.hpp"
 
 namespace track {
 
@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr int environments = 256, updates_in_block = 100, tests = 64;
+constexpr int environments = 256, updates_in_block = 50, tests = 48;
 constexpr std::uint64_t test_seed = 7;
 
 sim::Extras extras_of(const sim::Model& model) {
@@ -125,7 +125,7 @@ Scene load_scene(const Options& options) {
   for (const fs::path& path : options.clips) {
     const io::LoadedClip loaded = io::load_clip(path, {});
     std::printf("%s", loaded.report.text().c_str());
-    const motion::Retargeted on_character = motion::retarget(loaded.clip, s.model.character, {});
+    const motion::Retargeted on_character = example::retarget(loaded.clip, s.model.character);
     std::printf("on '%s': %s", s.model.character.name.c_str(), on_character.report.text().c_str());
     s.motions.push_back(learn::make_reference_motion(s.model, s.roles, on_character.clip, learn::TrackingSettings{}.control_hz));
     const learn::ReferenceMotion& m = s.motions.back();

@@ -16,16 +16,16 @@ Outcome track(const fs::path& folder, const std::string& arguments) { return she
 
 TEST_CASE("track learns to walk in seconds, on any number of threads, and goes on where it was stopped") {
   const fs::path folder = fresh("track", "learn"), one = folder / "one", two = folder / "two";
-  // 409600 samples and the rollout before them are one block of updates.
-  const std::string job = clip.string() + " --samples 830000 --seed 3 ";
+  // 204800 samples and the rollout before them are one block of updates.
+  const std::string job = clip.string() + " --samples 420000 --seed 3 ";
   REQUIRE(track(folder, job + "--threads 1 --out " + one.string()).status == 0);
   const nlohmann::json report = report_of(one);
   CHECK(report["status"] == "done");
-  CHECK(report["normalized_return"].get<double>() > 0.85);
+  CHECK(report["normalized_return"].get<double>() > 0.8);
   CHECK(report["normalized_return"].get<double>() <= 1);
   CHECK(report["episodes"].get<int>() >= 100);
   CHECK(report["completed"].get<int>() >= 95);
-  CHECK(report["samples"].get<double>() >= 830000);
+  CHECK(report["samples"].get<double>() >= 420000);
   CHECK(report["samples_per_s"].get<double>() > 0);
   CHECK(report["clips"].size() == 1);
   CHECK(report["clips"][0]["from_begin"]["completed"].get<int>() > 0);
@@ -34,7 +34,7 @@ TEST_CASE("track learns to walk in seconds, on any number of threads, and goes o
 
   // Stopped at the first checkpoint it comes to, by its clock, and continued on another number of threads.
   const Outcome begun = track(folder, job + "--threads 2 --minutes 0.0001 --out " + two.string());
-  CHECK(report_of(two)["samples"].get<double>() < 500000);
+  CHECK(report_of(two)["samples"].get<double>() < 300000);
   REQUIRE(track(folder, "--resume " + two.string() + " --threads 2").status == 0);
   CHECK(text_of(one / "policy.safetensors") == text_of(two / "policy.safetensors"));
   nlohmann::json again = report_of(two);
