@@ -110,7 +110,8 @@ void look_for_trouble(Training& t, double share, double target) {
     warn("the policy changes ten times faster than it should (divergence): look for a reward or an observation that explodes");
   if (share > 0.1 && share < 0.7 && m.divergence < 0.1 * target)
     warn("the policy hardly changes (divergence): the gradient is empty, or the learning rate at its bound");
-  if (share > 0.3 && m.explained_variance < 0.1)
+  // Of returns that are all alike there is nothing to foresee.
+  if (share > 0.3 && m.explained_variance < 0.1 && m.normalized_return < 0.5)
     warn("the value function does not foresee returns (explained variance): look at the normaliser and the reward's scale");
   if (share > 0.5 && m.normalized_return < 0.2)
     warn("episodes still end early: the clip may be beyond this body, or begin in the ground");
