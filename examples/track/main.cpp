@@ -57,7 +57,7 @@ void write_curves(const Options& o, const Training& t, const std::vector<std::pa
 
 void write_replay(const Options& o, const Scene& scene, learn::Policy<float>& policy, int motion,
                   const std::vector<std::pair<std::string, std::string>>& facts) {
-  const Recording r = record(scene, o, policy, motion);
+  const Recording r = record(scene, policy, motion);
   const body::Skeleton& skeleton = scene.model.character.skeleton;
   io::Replay replay;
   replay.title = scene.motions[static_cast<std::size_t>(motion)].name;

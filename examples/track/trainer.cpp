@@ -208,7 +208,7 @@ std::vector<Evaluation> test(const Scene& scene, const Options& options, learn::
   return learn::evaluate_tracking(envs, test_seed + 1, [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); });
 }
 
-Recording record(const Scene& scene, const Options&, learn::Policy<float>& policy, int motion) {
+Recording record(const Scene& scene, learn::Policy<float>& policy, int motion) {
   constexpr double shown_s = 12;
   core::ThreadExecutor executor(1);
   Environments envs(scene.model, scene.roles, {scene.motions[static_cast<std::size_t>(motion)]}, core::lane_count<Lane>,

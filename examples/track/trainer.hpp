@@ -61,6 +61,6 @@ struct Recording {
   };
   std::vector<std::vector<Contact>> contacts;  ///< by frame
 };
-Recording record(const Scene& scene, const Options& options, traceur::learn::Policy<float>& policy, int motion);
+Recording record(const Scene& scene, traceur::learn::Policy<float>& policy, int motion);
 
 }  // namespace track

@@ -201,6 +201,7 @@ class Tracking {
     for (int i = 0; i < model_->nq; ++i) core::set_lane(g.lanes.q()[i], lane, static_cast<T>(m.poses(i, s.tick)));
     for (int i = 0; i < model_->nv; ++i) core::set_lane(g.lanes.v()[i], lane, static_cast<T>(m.velocities(i, s.tick)));
     g.changed = true;
+    measure(g);
     look(g);
   }
 
@@ -392,11 +393,10 @@ class Tracking {
     put(g, row, core::Vector3<S>{m.xz, m.yz, m.zz});
   }
 
-  /// Writes what the policy sees of a group.
+  /// Writes what the policy sees of a group that was measured.
   void look(Group& g) noexcept {
     using core::Quaternion;
     using core::Vector3;
-    measure(g);
     Eigen::Index row = 0;
     const S* q = g.state.q.data();
     const S* v = g.state.v.data();
