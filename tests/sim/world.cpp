@@ -96,11 +96,12 @@ struct Tumble {
   Eigen::VectorXd pose;
 };
 
-/// Weightless and limp for `seconds`.
+/// Weightless and limp for `seconds`. Loose limbs whirl at more than what joints are clamped to, so they are not clamped.
 Tumble tumble(const Character& c, std::uint64_t seed, double seconds, double step) {
   Parameters p;
   p.gravity = 0;
   p.dt = step;
+  p.joint_speed_limit = 1e6;
   RandomStream random(seed);
   World<double> world(c, 1, p);
   Eigen::VectorXd q = scene::random_pose(c, random, 0.5);
@@ -135,11 +136,10 @@ TEST_CASE("flight conserves momenta, motors at their limits") { check_flight(sce
 
 TEST_CASE("flight: energy of a limp body in weightlessness") {
   const Character c = loose_ragdoll();
-  for (const std::uint64_t seed : {22u, 23u, 24u, 25u}) {
+  for (std::uint64_t seed = 22; seed < 34; ++seed) {
     const double energy = tumble(c, seed, 1, dt).energy;
     MESSAGE("tumbling for 1 s: energy times " << energy);
-    // Nothing damps limbs that turn at 5 rad/s; a first-order step makes some energy.
-    CHECK(energy == doctest::Approx(1).epsilon(0.1));
+    CHECK(energy == doctest::Approx(1).epsilon(0.01));
   }
 }
 

@@ -20,6 +20,7 @@ struct BodyWork {
   core::Vector3<S> arm;                ///< from the parent's joint to this one, m
   core::Vector3<S> linear, angular;    ///< velocity of the joint's origin, angular velocity
   core::Vector3<S> relative;           ///< angular velocity relative to the parent
+  core::Vector3<S> spin;               ///< angular velocity that velocity-dependent forces are taken at
   core::Vector3<S> axis;               ///< hinge axis
   core::Symmetric3<S> inertia;         ///< about the joint
   core::Vector3<S> first_moment;       ///< mass x (centre of mass - joint)
@@ -122,9 +123,16 @@ template <class S>
 }
 
 /// Adds weight and velocity-dependent forces: each body's own inertia and bias, before contacts.
+///
+/// `rates`, if given, are the accelerations of the last step (nv numbers, layout of velocities); of a free root the first of
+/// its numbers is how far to look ahead with them, s. Velocities that stand half a step before the pose are so brought
+/// up to it (leapfrog), which keeps the energy of a body in flight.
 template <class S>
-[[gnu::always_inline]] inline void load_inertias(const Model& model, const Numbers<S>& numbers, const S& gravity, DynamicsWork<S>& w) {
+[[gnu::always_inline]] inline void load_inertias(const Model& model, const Numbers<S>& numbers, const S& gravity, DynamicsWork<S>& w,
+                                                 const S* rates = nullptr) {
   using core::Vector3;
+  if (model.bodies[0].type != body::JointType::free) rates = nullptr;
+  const S ahead = rates ? rates[0] : S(0.0);
   for (std::size_t i = 0; i < model.bodies.size(); ++i) {
     const MovingBody& b = model.bodies[i];
     BodyWork<S>& k = w.bodies[i];
@@ -132,16 +140,26 @@ template <class S>
     k.j = k.inertia;
     k.m = core::Symmetric3<S>::scalar(mass);
     k.h = core::Matrix3<S>::skew(k.first_moment);
-    k.n = cross(k.angular, k.inertia * k.angular);
+    if (!rates) {
+      k.spin = k.angular;
+    } else if (b.type == body::JointType::free) {
+      k.spin = k.angular + ahead * Vector3<S>::from(rates + 3);
+    } else {
+      const S* rate = rates + b.v_index;
+      k.spin = k.relative + (b.type == body::JointType::ball ? ahead * (k.rotation * Vector3<S>::from(rate))
+                                                             : (ahead * rate[0]) * k.axis);
+      if (b.parent >= 0) k.spin += w.bodies[static_cast<std::size_t>(b.parent)].spin;
+    }
+    k.n = cross(k.spin, k.inertia * k.spin);
     k.n.x += gravity * k.first_moment.y;
     k.n.y -= gravity * k.first_moment.x;
-    k.f = cross(k.angular, cross(k.angular, k.first_moment));
+    k.f = cross(k.spin, cross(k.spin, k.first_moment));
     k.f.z += gravity * mass;
     if (b.type != body::JointType::free) {
       if (b.parent >= 0) {
         const BodyWork<S>& parent = w.bodies[static_cast<std::size_t>(b.parent)];
-        k.bias_angular = cross(parent.angular, k.relative);
-        k.bias_linear = cross(parent.angular, cross(parent.angular, k.arm));
+        k.bias_angular = cross(parent.spin, k.spin - parent.spin);
+        k.bias_linear = cross(parent.spin, cross(parent.spin, k.arm));
       } else {
         k.bias_angular = Vector3<S>::zero();
         k.bias_linear = Vector3<S>::zero();

@@ -316,6 +316,7 @@ class Lanes {
   }
   [[gnu::always_inline]] static S constant(double x) { return S(static_cast<T>(x)); }
 
+  /// Joint accelerations of the last step; a free root's numbers are load_inertias' look ahead and its angular acceleration.
   S* rates() { return state_.data() + model_->nq + model_->nv; }
   S* memory(std::size_t contact) {
     return state_.data() + model_->nq + 2 * model_->nv + 5 * static_cast<std::ptrdiff_t>(contact);
@@ -324,7 +325,7 @@ class Lanes {
   [[gnu::always_inline]] void advance() {
     const Parameters& p = *parameters_;
     const S dt = constant(p.dt);
-    load_inertias(*model_, numbers_, gravity_, work_);
+    load_inertias(*model_, numbers_, gravity_, work_, rates());
     find_contacts();
     live_.clear();
     if (has_boxes_) find_touches();
@@ -350,7 +351,7 @@ class Lanes {
     force.z -= gravity_ * numbers_.total_mass;
     const Vector3 linear = work_.linear_momentum + dt * force;
     const Vector3 angular = work_.angular_momentum + dt * moment;
-    integrate();
+    integrate(in_flight);
     update_kinematics(*model_, numbers_, q(), v(), work_);
     if (p.conserve_momentum && model_->bodies[0].type == body::JointType::free)
       correct_momentum(linear, angular, center + (dt * numbers_.inverse_mass) * linear, in_flight);
@@ -500,7 +501,7 @@ class Lanes {
     for (int pass = 0;; ++pass) {
       if (pass > 0) {
         // The pass before has added outboard inertias to inboard ones.
-        load_inertias(*model_, numbers_, gravity_, work_);
+        load_inertias(*model_, numbers_, gravity_, work_, rates());
         const auto add = [&](const ContactWork& c) {
           if (c.active) add_contact(c, work_.bodies[static_cast<std::size_t>(c.body)]);
         };
@@ -550,7 +551,8 @@ class Lanes {
     }
   }
 
-  [[gnu::always_inline]] void integrate() {
+  template <class M>
+  [[gnu::always_inline]] void integrate(const M& in_flight) {
     using core::Quaternion;
     const Parameters& p = *parameters_;
     const S dt = constant(p.dt), fastest = constant(p.joint_speed_limit), slowest = constant(-p.joint_speed_limit);
@@ -566,6 +568,9 @@ class Lanes {
         const Vector3 angular = Vector3::from(vj + 3) + dt * k.alpha;
         linear.store(vj);
         angular.store(vj + 3);
+        // What a contact did in one step says nothing of the next.
+        rate[0] = select(in_flight, constant(0.5) * dt, constant(0));
+        k.alpha.store(rate + 3);
         (Vector3::from(qj) + dt * linear).store(qj);
         (core::exp_map_small(dt * angular) * Quaternion<S>::from(qj + 3)).normalized().store(qj + 3);
       } else if (b.type == body::JointType::ball) {
