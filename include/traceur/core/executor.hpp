@@ -129,11 +129,12 @@ public:
       count_ = static_cast<unsigned>(n);
       next_.store(0, std::memory_order_relaxed);
       failed_index_ = n;
-      working_ = static_cast<int>(threads_.size());
-      ++round_;
+      working_.store(static_cast<int>(threads_.size()), std::memory_order_relaxed);
+      round_.fetch_add(1, std::memory_order_relaxed);
     }
     wake_.notify_all();
     work(0);
+    linger([this] { return working_.load(std::memory_order_relaxed) == 0; });
     std::exception_ptr failure;
     {
       std::unique_lock lock(mutex_);
@@ -162,10 +163,20 @@ private:
     return 0;
   }
 
+  // Rounds follow each other closely, and to wake a thread that sleeps takes longer than many a job: whoever waits looks
+  // around for some tens of microseconds first, with the core on offer to others.
+  template <class Ready>
+  static void linger(Ready&& ready) {
+    for (int looks = 0; looks < 100 && !ready(); ++looks) std::this_thread::yield();
+  }
+
   void serve(int worker) {
     unsigned long seen = 0;
     std::unique_lock lock(mutex_);
     for (;;) {
+      lock.unlock();
+      linger([&] { return round_.load(std::memory_order_relaxed) != seen; });
+      lock.lock();
       wake_.wait(lock, [&] { return stopping_ || round_ != seen; });
       if (stopping_) return;
       seen = round_;
@@ -212,8 +223,8 @@ private:
   std::mutex mutex_;
   std::condition_variable wake_;
   std::condition_variable done_;
-  unsigned long round_ = 0;
-  int working_ = 0;
+  std::atomic<unsigned long> round_{0};  // written under the mutex, as is working_; watched without it
+  std::atomic<int> working_{0};
   bool stopping_ = false;
 
   // The run in progress; written under the mutex before a round starts, read by the workers during it.

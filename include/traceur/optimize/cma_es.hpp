@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <iomanip>
 #include <istream>
 #include <limits>
 #include <ostream>
@@ -15,9 +14,11 @@
 #include <vector>
 
 #include <Eigen/Core>
-#include <Eigen/Jacobi>
 
+#include <traceur/core/detail/tiles.hpp>
 #include <traceur/core/error.hpp>
+#include <traceur/core/hex_words.hpp>
+#include <traceur/core/pack.hpp>
 #include <traceur/core/random.hpp>
 
 namespace traceur::optimize {
@@ -135,16 +136,113 @@ inline CmaEsConstants cma_es_constants(int dimension, int population, Covariance
 
 namespace detail {
 
+/// Each of `Columns` columns x, `stride` apart, becomes x - beta v (v . x). All are `size` long.
+template <int Columns>
+inline void reflect(const double* v, double beta, double* x, Eigen::Index stride, Eigen::Index size) noexcept {
+  using P = core::Pack<double>;
+  P sum[Columns];
+  double product[Columns] = {};
+  for (P& s : sum) s = P(0.0);
+  Eigen::Index i = 0;
+  for (; i + P::width <= size; i += P::width) {
+    const P w = P::load(v + i);
+    for (int j = 0; j < Columns; ++j) sum[j] += w * P::load(x + j * stride + i);
+  }
+  for (; i < size; ++i) {
+    for (int j = 0; j < Columns; ++j) product[j] += v[i] * x[j * stride + i];
+  }
+  for (int j = 0; j < Columns; ++j) {
+    for (int l = 0; l < P::width; ++l) product[j] += sum[j][l];
+    product[j] *= beta;
+  }
+  for (i = 0; i + P::width <= size; i += P::width) {
+    const P w = P::load(v + i);
+    for (int j = 0; j < Columns; ++j) (P::load(x + j * stride + i) - P(product[j]) * w).store(x + j * stride + i);
+  }
+  for (; i < size; ++i) {
+    for (int j = 0; j < Columns; ++j) x[j * stride + i] -= product[j] * v[i];
+  }
+}
+
+/// A rotation of two neighbouring columns: (x, y) <- (c x + s y, c y - s x).
+struct Rotation {
+  double c, s;
+};
+
+inline void rotate(const Rotation& r, double* x, double* y, Eigen::Index size) noexcept {
+  using P = core::Pack<double>;
+  const P c(r.c), s(r.s);
+  Eigen::Index i = 0;
+  for (; i + P::width <= size; i += P::width) {
+    const P a = P::load(x + i), b = P::load(y + i);
+    (c * a + s * b).store(x + i);
+    (c * b - s * a).store(y + i);
+  }
+  for (; i < size; ++i) {
+    const double a = x[i], b = y[i];
+    x[i] = r.c * a + r.s * b;
+    y[i] = r.c * b - r.s * a;
+  }
+}
+
+/// Rotations of columns (first, first + 1), (first + 1, first + 2) and so on.
+struct Sweep {
+  Eigen::Index first, count;
+};
+
+/// All `sweeps`, whose rotations follow each other in memory, on an n by n matrix: by blocks of rows that stay in the
+/// nearest cache for all of them.
+inline void rotate(const Sweep* sweeps, int count, const Rotation* rotations, double* matrix, Eigen::Index n) noexcept {
+  using P = core::Pack<double>;
+  constexpr Eigen::Index registers = 2, block = registers * P::width;
+  for (Eigen::Index row = 0; row < n; row += block) {
+    const Rotation* r = rotations;
+    const Eigen::Index rows = std::min(block, n - row);
+    const bool whole = rows == block;
+    for (int k = 0; k < count; ++k) {
+      double* column = matrix + row + sweeps[k].first * n;
+      const Rotation* const end = r + sweeps[k].count;
+      if (whole) {
+        P x[registers];
+        for (Eigen::Index i = 0; i < registers; ++i) x[i] = P::load(column + i * P::width);
+        for (; r != end; ++r, column += n) {
+          const P c(r->c), s(r->s);
+          for (Eigen::Index i = 0; i < registers; ++i) {
+            const P y = P::load(column + n + i * P::width);
+            (c * x[i] + s * y).store(column + i * P::width);
+            x[i] = c * y - s * x[i];
+          }
+        }
+        for (Eigen::Index i = 0; i < registers; ++i) x[i].store(column + i * P::width);
+      } else {
+        for (; r != end; ++r, column += n) rotate(*r, column, column + n, rows);
+      }
+    }
+  }
+}
+
+/// Sweeps that are put together where the memory is given for them.
+inline constexpr Eigen::Index sweeps_together = 16;
+
+/// How much work memory makes the decomposition of an n by n matrix fastest.
+inline Eigen::Index symmetric_eigen_work(Eigen::Index n) noexcept {
+  return n < 160 ? 2 * n : 2 * n * (1 + sweeps_together);
+}
+
 /// Eigenvalues (`values`, n, in no order) and orthonormal eigenvectors (columns of `vectors`, n by n) of the symmetric
-/// matrix whose lower triangle is in `a` (n by n, overwritten). `work` holds 2 n numbers. Householder
+/// matrix whose lower triangle is in `a` (n by n, overwritten). `work` holds 2 n numbers at least. Householder
 /// tridiagonalisation and implicit symmetric QR steps with Wilkinson's shift: Golub and Van Loan, "Matrix
 /// Computations", sections 8.3.1 to 8.3.3. Written here because Eigen's solver allocates and takes ten seconds to
 /// compile. Returns false if it does not converge, as with numbers that are not finite.
+///
+/// A rotation waits for the one before, so what counts is the way from one to the next. It is kept in squares: with x
+/// and z what is rotated, only x^2, z^2 and x z over x^2 + z^2 enter the next x; the root, for the vectors, is taken
+/// beside.
 inline bool symmetric_eigen(Eigen::MatrixXd& a, Eigen::MatrixXd& vectors, Eigen::VectorXd& values,
                             Eigen::VectorXd& work) noexcept {
   const Eigen::Index n = a.rows();
   auto off = work.head(n);
-  auto update = work.tail(n);
+  auto update = work.segment(n, n);
 
   // Column k below the diagonal ends up holding the k-th reflector, I - values(k) v v^T.
   for (Eigen::Index k = 0; k + 1 < n; ++k) {
@@ -174,18 +272,38 @@ inline bool symmetric_eigen(Eigen::MatrixXd& a, Eigen::MatrixXd& vectors, Eigen:
   }
   off(n - 1) = 0.0;
 
+  // Few columns at a time, so that they stay in the nearest cache; reflector k leaves columns up to k as they are.
   vectors.setIdentity();
-  for (Eigen::Index k = n - 2; k >= 0; --k) {
-    if (values(k) == 0.0) continue;
-    const Eigen::Index m = n - k - 1;
-    const auto v = a.col(k).tail(m);
-    for (Eigen::Index j = k + 1; j < n; ++j) {
-      auto column = vectors.col(j).tail(m);
-      column -= (values(k) * v.dot(column)) * v;
+  constexpr int together = 4;
+  for (Eigen::Index j = 1; j < n; j += together) {
+    const Eigen::Index columns = std::min<Eigen::Index>(together, n - j);
+    for (Eigen::Index k = j + columns - 2; k >= 0; --k) {
+      if (values(k) == 0.0) continue;
+      const double* v = a.data() + k + 1 + k * n;
+      double* x = vectors.data() + k + 1 + j * n;
+      if (columns == together) {
+        reflect<together>(v, values(k), x, n, n - k - 1);
+      } else {
+        for (Eigen::Index c = 0; c < columns; ++c) reflect<1>(v, values(k), x + c * n, n, n - k - 1);
+      }
     }
   }
   values = a.diagonal();
 
+  // In squares, numbers must not leave the range of doubles.
+  double largest = 0.0;
+  for (Eigen::Index i = 0; i < n; ++i) largest = std::max({largest, std::abs(values(i)), std::abs(off(i))});
+  if (!std::isfinite(values.sum() + off.sum())) return false;
+  const double scale =
+      largest > 1e60 || (largest > 0.0 && largest < 1e-60) ? std::ldexp(1.0, -std::ilogb(largest)) : 1.0;
+  values *= scale;
+  off *= scale;
+
+  Sweep sweeps[sweeps_together];
+  Rotation* const rotations = reinterpret_cast<Rotation*>(work.data() + 2 * n);
+  const bool later = work.size() >= 2 * n * (1 + sweeps_together);
+  int kept = 0;
+  Eigen::Index used = 0;
   const double epsilon = std::numeric_limits<double>::epsilon();
   for (Eigen::Index last = n - 1, steps = 0; last > 0;) {
     const auto negligible = [&](Eigen::Index i) {
@@ -203,25 +321,43 @@ inline bool symmetric_eigen(Eigen::MatrixXd& a, Eigen::MatrixXd& vectors, Eigen:
     const double half_gap = 0.5 * (values(last - 1) - values(last));
     const double e = off(last - 1);
     double x = values(first) - values(last) + e * (e / (half_gap + std::copysign(std::hypot(half_gap, e), half_gap)));
-    double z = off(first);
+    double z = off(first), z_squared = z * z, upper = values(first);
+    if (later) sweeps[kept++] = {first, last - first};
     for (Eigen::Index k = first; k < last; ++k) {
-      const double r = std::hypot(x, z);
-      const double c = r > 0.0 ? x / r : 1.0;
-      const double s = r > 0.0 ? z / r : 0.0;
-      if (k > first) off(k - 1) = r;
-      const double upper = values(k), lower = values(k + 1), between = off(k);
-      const double mixed = 2.0 * c * s * between;
-      values(k) = c * c * upper + mixed + s * s * lower;
-      values(k + 1) = s * s * upper - mixed + c * c * lower;
-      off(k) = c * s * (lower - upper) + (c - s) * (c + s) * between;
+      const double x_squared = x * x, square = x_squared + z_squared;
+      const bool turns = square > 0.0;
+      const double inverse = turns ? 1.0 / square : 0.0, length = std::sqrt(square);
+      const double cc = turns ? x_squared * inverse : 1.0, ss = z_squared * inverse, cs = (x * z) * inverse;
+      const double over = turns ? 1.0 / length : 0.0;
+      const Rotation r{turns ? x * over : 1.0, z * over};
+      if (k > first) off(k - 1) = length;
+      const double lower = values(k + 1), between = off(k);
+      const double mixed = 2.0 * cs * between;
+      values(k) = cc * upper + mixed + ss * lower;
+      x = cs * (lower - upper) + (cc - ss) * between;
+      upper = ss * upper - mixed + cc * lower;
+      off(k) = x;
       if (k + 1 < last) {
-        x = off(k);
-        z = s * off(k + 1);
-        off(k + 1) *= c;
+        const double next = off(k + 1);
+        z_squared = ss * (next * next);
+        z = r.s * next;
+        off(k + 1) = r.c * next;
       }
-      vectors.applyOnTheRight(k, k + 1, Eigen::JacobiRotation<double>(c, -s));
+      if (later) {
+        rotations[used++] = r;
+      } else {
+        rotate(r, vectors.data() + k * n, vectors.data() + (k + 1) * n, n);
+      }
+    }
+    values(last) = upper;
+    if (kept == sweeps_together) {
+      rotate(sweeps, kept, rotations, vectors.data(), n);
+      kept = 0;
+      used = 0;
     }
   }
+  rotate(sweeps, kept, rotations, vectors.data(), n);
+  values /= scale;
   return values.allFinite();
 }
 
@@ -261,8 +397,7 @@ inline double from_box(double x, double lower, double upper, double margin) noex
   return x;
 }
 
-/// Writes fields as lines `name count words...`, each word the 64 bits of a number in hexadecimal: exact, and the same
-/// in every locale.
+/// Writes fields as lines `name count words...`, each word the 64 bits of a number.
 class StateWriter {
 public:
   explicit StateWriter(std::ostream& out) : out_(out) {}
@@ -271,11 +406,11 @@ public:
   void scalar(const char* field, const T& value) {
     begin(field, 1);
     if constexpr (std::is_same_v<T, double>) {
-      word(std::bit_cast<std::uint64_t>(value));
+      out_.word(std::bit_cast<std::uint64_t>(value));
     } else {
-      word(static_cast<std::uint64_t>(static_cast<std::int64_t>(value)));
+      out_.word(static_cast<std::uint64_t>(static_cast<std::int64_t>(value)));
     }
-    out_.put('\n');
+    out_.end_line();
   }
   template <class T>
   void choice(const char* field, const T& value, int) {
@@ -284,35 +419,30 @@ public:
   void array(const char* field, const Eigen::Ref<const Eigen::MatrixXd>& values) {
     begin(field, static_cast<std::uint64_t>(values.size()));
     for (Eigen::Index j = 0; j < values.cols(); ++j) {
-      for (Eigen::Index i = 0; i < values.rows(); ++i) word(std::bit_cast<std::uint64_t>(values(i, j)));
+      for (Eigen::Index i = 0; i < values.rows(); ++i) out_.word(std::bit_cast<std::uint64_t>(values(i, j)));
     }
-    out_.put('\n');
+    out_.end_line();
   }
   void vector(const char* field, const Eigen::VectorXd& values) { array(field, values); }
 
 private:
   void begin(const char* field, std::uint64_t count) {
-    out_ << field;
-    word(count);
-  }
-  void word(std::uint64_t bits) {
-    char text[17] = {' '};
-    for (int i = 16; i > 0; --i, bits >>= 4) text[i] = "0123456789abcdef"[bits & 15u];
-    out_.write(text, sizeof text);
+    out_.name(field);
+    out_.word(count);
   }
 
-  std::ostream& out_;
+  core::HexWordWriter out_;
 };
 
 /// Reads what StateWriter wrote. Throws Error that names the field.
 class StateReader {
 public:
-  explicit StateReader(std::istream& in) : in_(in) {}
+  explicit StateReader(std::istream& in) : in_(in, where) {}
 
   template <class T>
   void scalar(const char* field, T& value) {
     begin(field, 1);
-    const std::uint64_t bits = word(field);
+    const std::uint64_t bits = in_.word(field);
     if constexpr (std::is_same_v<T, double>) {
       value = std::bit_cast<double>(bits);
     } else if constexpr (std::is_same_v<T, std::uint64_t>) {
@@ -339,50 +469,34 @@ public:
   void array(const char* field, Eigen::Ref<Eigen::MatrixXd> values) {
     begin(field, static_cast<std::uint64_t>(values.size()));
     for (Eigen::Index j = 0; j < values.cols(); ++j) {
-      for (Eigen::Index i = 0; i < values.rows(); ++i) values(i, j) = std::bit_cast<double>(word(field));
+      for (Eigen::Index i = 0; i < values.rows(); ++i) values(i, j) = std::bit_cast<double>(in_.word(field));
     }
   }
   /// However many numbers the stream has.
   void vector(const char* field, Eigen::VectorXd& values) {
     expect(field);
     std::vector<double> numbers;
-    for (std::uint64_t left = word(field); left > 0; --left) numbers.push_back(std::bit_cast<double>(word(field)));
+    for (std::uint64_t left = in_.word(field); left > 0; --left) {
+      numbers.push_back(std::bit_cast<double>(in_.word(field)));
+    }
     values = Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(numbers.size()));
   }
   /// The word that must come next.
-  void expect(const std::string& text) {
-    const std::string found = token(text);
-    if (found != text) throw Error("CmaEs: load: expected '" + text + "', got '" + found + "'");
-  }
+  void expect(const char* text) { in_.expect(text); }
   [[noreturn]] static void fail(const std::string& field, const std::string& what) {
-    throw Error("CmaEs: load: field '" + field + "': " + what);
+    throw Error(std::string(where) + ": field '" + field + "': " + what);
   }
 
 private:
+  static constexpr const char* where = "CmaEs: load";
+
   void begin(const char* field, std::uint64_t count) {
     expect(field);
-    const std::uint64_t found = word(field);
+    const std::uint64_t found = in_.word(field);
     if (found != count) fail(field, "expected " + std::to_string(count) + " numbers, got " + std::to_string(found));
   }
-  std::string token(const std::string& field) {
-    std::string text;
-    if (!(in_ >> std::setw(64) >> text)) throw Error("CmaEs: load: the stream ends at '" + field + "'");
-    return text;
-  }
-  std::uint64_t word(const char* field) {
-    const std::string text = token(field);
-    std::uint64_t bits = 0;
-    bool good = text.size() == 16;
-    for (const char c : text) {
-      const bool digit = c >= '0' && c <= '9';
-      good = good && (digit || (c >= 'a' && c <= 'f'));
-      bits = bits << 4 | static_cast<std::uint64_t>(digit ? c - '0' : c - 'a' + 10);
-    }
-    if (!good) fail(field, "expected 16 hexadecimal digits, got '" + text + "'");
-    return bits;
-  }
 
-  std::istream& in_;
+  core::HexWordReader in_;
 };
 
 }  // namespace detail
@@ -433,7 +547,7 @@ public:
       decomposed_.resize(n, n);
       eigenvectors_.resize(n, n);
       eigenvalues_.resize(n);
-      work_.resize(2 * n);
+      work_.resize(detail::symmetric_eigen_work(n));
     }
     lengths_.resize(n);
     path_sigma_.resize(n);
@@ -458,12 +572,14 @@ public:
                                 static_cast<std::uint64_t>(generation_));
       auto z = normals_.col(k);
       for (Eigen::Index i = 0; i < z.size(); ++i) z(i) = random.normal();
-      vector_ = lengths_.cwiseProduct(z);
-      if (parameters_.covariance == Covariance::full) {
-        steps_.col(k).noalias() = basis_ * vector_;
-      } else {
-        steps_.col(k) = vector_;
-      }
+      candidates_.col(k) = lengths_.cwiseProduct(z);
+    }
+    if (parameters_.covariance == Covariance::full) {
+      turn(candidates_, steps_);
+    } else {
+      steps_ = candidates_;
+    }
+    for (Eigen::Index k = 0; k < candidates_.cols(); ++k) {
       vector_ = mean_ + sigma_ * steps_.col(k);
       show(vector_, candidates_.col(k));
     }
@@ -746,6 +862,17 @@ private:
 
   double variance(Eigen::Index i) const noexcept {
     return covariance_(i, parameters_.covariance == Covariance::full ? i : 0);
+  }
+
+  // to = B from, without the memory that Eigen's product of two matrices would take.
+  void turn(const Eigen::MatrixXd& from, Eigen::MatrixXd& to) const noexcept {
+    const Eigen::Index n = dimension();
+    if (n < core::detail::lanes<double>) {
+      for (Eigen::Index k = 0; k < from.cols(); ++k) to.col(k).noalias() = basis_ * from.col(k);
+    } else {
+      core::detail::multiply_panels<double>(n, from.cols(), n, basis_.data(), n, {from.data(), 1, n}, {nullptr, 0},
+                                            to.data(), n);
+    }
   }
 
   // From the coordinates of the search to those of the user.

@@ -7,7 +7,6 @@
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
-#include <iomanip>
 #include <istream>
 #include <limits>
 #include <optional>
@@ -21,6 +20,7 @@
 
 #include <traceur/core/error.hpp>
 #include <traceur/core/executor.hpp>
+#include <traceur/core/hex_words.hpp>
 #include <traceur/parameterize/rbf.hpp>
 
 namespace traceur::parameterize {
@@ -224,27 +224,30 @@ public:
 
   /// Writes the whole state as text, to the bit. Throws Error if the stream fails.
   void save(std::ostream& out) const {
-    out << format << '\n';
-    Writer writer{out};
+    Writer writer{core::HexWordWriter(out)};
+    writer.field(format);
+    writer.end();
     Continuation copy = *this;
     copy.visit(writer);
-    out << "end\n";
+    writer.field("end");
+    writer.end();
     if (!out.flush()) throw Error("Continuation: save: the stream failed");
   }
 
   /// Continues what `save` wrote, with the same jobs to ask for. Throws Error that names the field that is missing or
   /// out of range.
   static Continuation load(std::istream& in) {
-    Reader reader{in};
-    reader.expect(format);
+    Reader reader{core::HexWordReader(in, loading)};
+    reader.field(format);
     Continuation c;
     c.visit(reader);
-    reader.expect("end");
+    reader.field("end");
     return c;
   }
 
 private:
   static constexpr const char* format = "traceur.continuation.1";
+  static constexpr const char* loading = "Continuation: load";
   static constexpr int node_limit = 10000000;
 
   enum class Stage { test, optimize, verify, walk, finished };
@@ -482,61 +485,40 @@ private:
     next.push_back({node, ray.direction});
   }
 
-  // Numbers are written as the 16 hexadecimal digits of their 64 bits, after the name of their field.
+  // Numbers are written as the words of their 64 bits, after the name of their field.
   struct Writer {
-    std::ostream& out;
+    core::HexWordWriter out;
     static constexpr bool reads = false;
 
-    void word(std::uint64_t bits) { out << ' ' << std::hex << std::setw(16) << std::setfill('0') << bits << std::dec; }
-    void field(const char* name) { out << name; }
-    void end() { out << '\n'; }
+    void field(const char* name) { out.name(name); }
+    void end() { out.end_line(); }
     template <class T>
     void number(const char*, T& value, std::int64_t, std::int64_t) {
-      word(static_cast<std::uint64_t>(static_cast<std::int64_t>(value)));
+      out.word(static_cast<std::uint64_t>(static_cast<std::int64_t>(value)));
     }
-    void real(const char*, double& value) { word(std::bit_cast<std::uint64_t>(value)); }
+    void real(const char*, double& value) { out.word(std::bit_cast<std::uint64_t>(value)); }
   };
 
   struct Reader {
-    std::istream& in;
+    core::HexWordReader in;
     static constexpr bool reads = true;
 
-    [[noreturn]] static void fail(const std::string& name, const std::string& what) {
-      throw Error("Continuation: load: field '" + name + "': " + what);
-    }
-    std::string token(const std::string& name) {
-      std::string text;
-      if (!(in >> std::setw(64) >> text)) fail(name, "the stream ends here");
-      return text;
-    }
-    void expect(const char* text) {
-      const std::string found = token(text);
-      if (found != text) throw Error(std::string("Continuation: load: expected '") + text + "', got '" + found + "'");
-    }
-    std::uint64_t word(const char* name) {
-      const std::string text = token(name);
-      std::uint64_t bits = 0;
-      bool good = text.size() == 16;
-      for (const char c : text) {
-        const bool digit = c >= '0' && c <= '9';
-        good = good && (digit || (c >= 'a' && c <= 'f'));
-        bits = bits << 4 | static_cast<std::uint64_t>(digit ? c - '0' : c - 'a' + 10);
-      }
-      if (!good) fail(name, "expected 16 hexadecimal digits, got '" + text + "'");
-      return bits;
-    }
-    void field(const char* name) { expect(name); }
+    void field(const char* name) { in.expect(name); }
     void end() {}
     template <class T>
     void number(const char* name, T& value, std::int64_t low, std::int64_t high) {
-      const auto read = static_cast<std::int64_t>(word(name));
+      const auto read = static_cast<std::int64_t>(in.word(name));
       if (read < low || read > high) {
         fail(name, "expected " + std::to_string(low) + " to " + std::to_string(high) + ", got " + std::to_string(read));
       }
       value = static_cast<T>(read);
     }
-    void real(const char* name, double& value) { value = std::bit_cast<double>(word(name)); }
+    void real(const char* name, double& value) { value = std::bit_cast<double>(in.word(name)); }
   };
+
+  [[noreturn]] static void fail(const std::string& name, const std::string& what) {
+    throw Error(std::string(loading) + ": field '" + name + "': " + what);
+  }
 
   // A vector whose length is part of the file.
   template <class Archive>
@@ -624,16 +606,16 @@ private:
     for (ContinuationTask& task : tasks_) {
       task.parameter = parameter(task.node);
       if (task.control.size() != controls_ || !task.control.allFinite())
-        Reader::fail("task", "expected a whole control");
+        fail("task", "expected a whole control");
     }
     for (int node = 0; node < node_count(); ++node) {
       const Eigen::VectorXd& control = this->control(node);
       if ((works(node) && control.size() != controls_) || !control.allFinite()) {
-        Reader::fail("node", "expected a whole control of node " + std::to_string(node));
+        fail("node", "expected a whole control of node " + std::to_string(node));
       }
     }
-    if (solved_ != count(NodeStatus::solved)) Reader::fail("solved", "expected as many as there are solved nodes");
-    if (tasks_.empty() != finished()) Reader::fail("tasks", "expected none once finished, and some before");
+    if (solved_ != count(NodeStatus::solved)) fail("solved", "expected as many as there are solved nodes");
+    if (tasks_.empty() != finished()) fail("tasks", "expected none once finished, and some before");
   }
 
   ContinuationParameters parameters_;
