@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
-// soak [--steps N] [--seed N] [--threads N] [--report FILE]: humanoids with bodies of their own, thrashing about in walled
+// soak [--steps N] [--seed N] [--threads N] [--width 4|8|16] [--rewind yes] [--report FILE]: humanoids with bodies of their own, thrashing about in walled
 // courts of random boxes until N steps are done, all lanes counted. Each lane's targets jump to random poses thirty times a
 // second and it is struck now and then; every few seconds it gets another body, gravity, friction and court. No lane may
 // meet a number that is not finite, and no body may get into a wall. Prints a hash of all states, which is the same for
-// any number of threads. Exit status 1 if a law was broken.
+// any number of threads, for packs of 4, 8 or 16 lanes, and with every thirtieth of a second rewound to its saved state and
+// done again (--rewind). Exit status 1 if a law was broken.
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -26,7 +27,6 @@
 namespace {
 
 using namespace traceur;
-using S = core::Pack<float>;
 using Vector = core::Vector3<double>;
 
 constexpr int lanes = 256, steps_per_target = 16, targets_per_life = 150;
@@ -37,7 +37,8 @@ constexpr double into_wall = 0.02;  // m
 struct Arguments {
   double steps = 1e7;
   std::uint64_t seed = 1;
-  int threads = 0;
+  int threads = 0, width = core::Pack<float>::width;
+  bool rewind = false;
   std::string report;
 };
 
@@ -51,6 +52,10 @@ Arguments read(int argc, char** argv) {
       a.seed = std::stoull(argv[i + 1]);
     } else if (name == "--threads") {
       a.threads = std::stoi(argv[i + 1]);
+    } else if (name == "--width") {
+      a.width = std::stoi(argv[i + 1]);
+    } else if (name == "--rewind") {
+      a.rewind = std::string(argv[i + 1]) == "yes";
     } else if (name == "--report") {
       a.report = argv[i + 1];
     } else {
@@ -106,6 +111,7 @@ Eigen::VectorXd random_pose(const body::Skeleton& s, core::RandomStream& random,
   return q;
 }
 
+template <class S>
 int run(const Arguments& a) {
   const auto here = std::filesystem::path(__FILE__).parent_path();
   const body::Character humanoid = io::read_mjcf((here / "../examples/characters/humanoid.xml").string());
@@ -113,6 +119,8 @@ int run(const Arguments& a) {
   extras.obstacles = true;
   sim::World<S> world(humanoid, lanes, {}, sim::Ground<float>(), extras);
   core::ThreadExecutor executor(a.threads);
+  std::vector<std::vector<float>> saved(lanes, std::vector<float>(static_cast<std::size_t>(world.state_size())));
+  std::vector<Vector> blows(lanes);
   const auto begin = std::chrono::steady_clock::now();
   double steps = 0, deepest = -court;
   long long failed = 0, inside = 0, calls = 0;
@@ -134,8 +142,18 @@ int run(const Arguments& a) {
           world.reset(lane, q, v);
         }
         world.set_target(lane, random_pose(humanoid.skeleton, random, 2));
+        auto& blow = blows[static_cast<std::size_t>(lane)];
+        blow = Vector::zero();
         if (random.uniform(0.0, 1.0) < 0.05)
-          world.push(lane, 0, {3000 * random.uniform(-1.0, 1.0), 3000 * random.uniform(-1.0, 1.0), 1000 * random.uniform(0.0, 1.0)});
+          blow = {3000 * random.uniform(-1.0, 1.0), 3000 * random.uniform(-1.0, 1.0), 1000 * random.uniform(0.0, 1.0)};
+        world.push(lane, 0, blow);
+        if (a.rewind) world.save(lane, saved[static_cast<std::size_t>(lane)].data());
+      }
+      world.step_group(g, steps_per_target);
+      if (!a.rewind) return;
+      for (int lane = g * world.group_width(); lane < (g + 1) * world.group_width(); ++lane) {
+        world.restore(lane, saved[static_cast<std::size_t>(lane)].data());
+        world.push(lane, 0, blows[static_cast<std::size_t>(lane)]);
       }
       world.step_group(g, steps_per_target);
     });
@@ -166,6 +184,7 @@ int run(const Arguments& a) {
     }
   }
   nlohmann::ordered_json report{{"seed", a.seed},
+                                {"width", a.width},
                                 {"steps", steps},
                                 {"wall_s", seconds()},
                                 {"steps_per_s", steps / seconds()},
@@ -183,7 +202,11 @@ int run(const Arguments& a) {
 
 int main(int argc, char** argv) {
   try {
-    return run(read(argc, argv));
+    const Arguments a = read(argc, argv);
+    if (a.width == 4) return run<core::Pack<float, 4>>(a);
+    if (a.width == 8) return run<core::Pack<float, 8>>(a);
+    if (a.width == 16) return run<core::Pack<float, 16>>(a);
+    throw Error("soak: --width: expected 4, 8 or 16");
   } catch (const std::exception& e) {
     std::fprintf(stderr, "%s\n", e.what());
     return 2;
