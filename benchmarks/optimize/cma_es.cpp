@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // One generation of CMA-ES, ask and tell, with a cost that takes no time: what the optimizer itself adds to a search.
-// The dimensions are those of running feedback (63), a skill's parameters with its feedback (99), and a whole motion
-// plan (300). `seconds_per_candidate` is the time of a generation over its default population.
+// The dimensions are 10, 40, 100 and 250, for which benchmarks/peers/kernels.cpp has bars, and those of running feedback
+// (63) and a whole motion plan (300). `seconds_per_candidate` is the time of a generation over its default population.
 #include <cstdint>
 
 #include <Eigen/Core>
@@ -39,7 +39,14 @@ void generation(benchmark::State& state, Covariance covariance) {
 
 }  // namespace
 
-BENCHMARK_CAPTURE(generation, full, Covariance::full)->Arg(63)->Arg(99)->Arg(300)->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(generation, full, Covariance::full)
+    ->Arg(10)
+    ->Arg(40)
+    ->Arg(63)
+    ->Arg(100)
+    ->Arg(250)
+    ->Arg(300)
+    ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(generation, diagonal, Covariance::diagonal)
     ->Arg(63)
     ->Arg(99)

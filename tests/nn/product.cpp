@@ -141,6 +141,7 @@ TEST_CASE_TEMPLATE("products are the sums they stand for, in every shape", S, fl
   check_shape<S>(70, 45, 600);
   check_shape<S>(2, 150, 300);
   check_shape<S>(300, 500, 7);
+  check_shape<S>(40, 350, 40);
 }
 
 TEST_CASE("a product that sums nothing is its start") {

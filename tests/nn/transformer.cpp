@@ -144,3 +144,31 @@ TEST_CASE("a transformer refuses what its parts refuse, and no layers") {
   p.layer.attention.heads = 4;
   CHECK_THROWS_AS(Transformer<>{p}, traceur::Error);
 }
+
+TEST_CASE("projected beforehand, the last tokens are those of the whole") {
+  for (const NormOrder norm : {NormOrder::before, NormOrder::after}) {
+    for (const Index layers : {1, 2, 3}) {
+      for (const bool final_norm : {false, true}) {
+        const Transformer<> m(stack(norm, layers, final_norm));
+        const Matrixd theta = laws::random_parameters(m, 31), x = some(width, samples * tokens, 32);
+        Mask keys = Mask::Constant(tokens, samples, true);
+        keys(1, 1) = false;
+        auto w = m.workspace<double>(x.cols());
+        auto lean = m.inference_workspace<double>(x.cols());
+        Matrixd y(width, x.cols()), qkv(3 * width, x.cols());
+        m.infer(theta.data(), x, keys, w, y);
+        // In two pieces: what is projected of a token depends on that token alone.
+        m.project(theta.data(), x.leftCols(3), lean, qkv.leftCols(3));
+        m.project(theta.data(), x.rightCols(x.cols() - 3), lean, qkv.rightCols(x.cols() - 3));
+        for (const Index from : {Index{0}, Index{1}, tokens - 1}) {
+          Matrixd last(width, samples * (tokens - from));
+          m.infer_projected(theta.data(), x, qkv, keys, from, lean, last);
+          for (Index sample = 0; sample < samples; ++sample) {
+            CHECK(laws::equal(last.middleCols(sample * (tokens - from), tokens - from),
+                              y.middleCols(sample * tokens + from, tokens - from)));
+          }
+        }
+      }
+    }
+  }
+}

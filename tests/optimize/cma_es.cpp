@@ -161,21 +161,42 @@ std::string error_of(const Vector& mean, const CmaEsParameters& parameters) {
 TEST_SUITE("optimize/cma_es") {
   TEST_CASE("eigenvectors diagonalise, are orthonormal, and keep trace and norm") {
     RandomStream random(1);
-    for (const Eigen::Index n : {1, 2, 3, 4, 10, 41, 80}) {
+    for (const Eigen::Index n : {1, 2, 3, 4, 10, 41, 80, 171}) {
       for (const double spread : {0.0, 3.0}) {
+        if (n > 100 && spread > 0.0) continue;
         Eigen::MatrixXd m(n, n);
         for (double& value : m.reshaped()) value = random.normal();
         for (Eigen::Index j = 0; j < n; ++j) m.col(j) *= std::exp(spread * random.normal());
         const Eigen::MatrixXd a = m * m.transpose();
         Eigen::MatrixXd lower = a.triangularView<Eigen::Lower>();
         Eigen::MatrixXd vectors(n, n);
-        Vector values(n), work(2 * n);
+        Vector values(n), work(detail::symmetric_eigen_work(n));
         REQUIRE(detail::symmetric_eigen(lower, vectors, values, work));
         CHECK((a * vectors - vectors * values.asDiagonal()).norm() < 1e-13 * a.norm());
         CHECK((vectors.transpose() * vectors - Eigen::MatrixXd::Identity(n, n)).norm() < 1e-12);
         CHECK(values.sum() == doctest::Approx(a.trace()).epsilon(1e-12));
         CHECK(values.norm() == doctest::Approx(a.norm()).epsilon(1e-12));
       }
+    }
+  }
+
+  TEST_CASE("sweeps put together do what they do one by one, and any scale is as good as any other") {
+    const Eigen::Index n = 37;
+    RandomStream random(6);
+    Eigen::MatrixXd m(n, n);
+    for (double& value : m.reshaped()) value = random.normal();
+    const Eigen::MatrixXd a = m * m.transpose();
+    Eigen::MatrixXd first = a, second = a, one(n, n), other(n, n);
+    Vector values(n), same(n), little(2 * n), much(2 * n * (1 + detail::sweeps_together));
+    REQUIRE(detail::symmetric_eigen(first, one, values, little));
+    REQUIRE(detail::symmetric_eigen(second, other, same, much));
+    CHECK(values == same);
+    CHECK((one - other).norm() < 1e-12);
+    for (const double scale : {0x1p-300, 0x1p+300}) {
+      Eigen::MatrixXd scaled = scale * a;
+      REQUIRE(detail::symmetric_eigen(scaled, one, same, little));
+      CHECK((same / scale - values).norm() < 1e-12 * values.norm());
+      CHECK((one.transpose() * one - Eigen::MatrixXd::Identity(n, n)).norm() < 1e-12);
     }
   }
 

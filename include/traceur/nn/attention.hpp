@@ -150,6 +150,22 @@ public:
     run<false, S>(theta, x, keys, state, scratch, y);
   }
 
+  /// q, k and v of every column, below each other: 3 width x columns. They depend on nothing but the column, so those of
+  /// tokens that stay the same need computing only once.
+  template <class S>
+  void project(const S* theta, ConstMatrix<S> x, Scratch<S>& scratch, Matrix<S> qkv) const noexcept {
+    product<S>(detail::weight_matrix<S>(theta, 3 * width_, width_), x, qkv, scratch.product.data(), Into::set,
+               theta + in_bias());
+  }
+
+  /// As `infer`, from q, k and v of all tokens, for the tokens from `from` on of every sample only: y has tokens() - from
+  /// columns a sample.
+  template <class S>
+  void infer_projected(const S* theta, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from, State<S>& state,
+                       Scratch<S>& scratch, Matrix<S> y) const noexcept {
+    attend<false, S>(theta, qkv, keys, from, state, scratch, y);
+  }
+
   /// Of whichever mask `forward` had: what was left out has weight zero.
   template <class S>
   void backward(const S* theta, ConstMatrix<S> x, ConstMatrix<S> dy, Workspace<S>& w, S* dtheta,
@@ -235,36 +251,41 @@ private:
   template <bool keep, class S>
   void run(const S* theta, ConstMatrix<S> x, KeyMask keys, State<S>& state, Scratch<S>& scratch,
            Matrix<S> y) const noexcept {
-    const Eigen::Index n = x.cols();
-    assert(n % tokens_ == 0 && (keys.cols() == 0 || (keys.rows() == tokens_ && keys.cols() * tokens_ == n)));
+    project(theta, x, scratch, state.qkv.leftCols(x.cols()));
+    attend<keep, S>(theta, state.qkv.leftCols(x.cols()), keys, 0, state, scratch, y);
+  }
+
+  // From q, k and v of all tokens to y, that of the tokens from `from` on of every sample.
+  template <bool keep, class S>
+  void attend(const S* theta, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from, State<S>& state, Scratch<S>& scratch,
+              Matrix<S> y) const noexcept {
+    const Eigen::Index samples = qkv.cols() / tokens_, asking = tokens_ - from;
+    assert(qkv.cols() % tokens_ == 0 && (keys.cols() == 0 || (keys.rows() == tokens_ && keys.cols() == samples)));
     S* const work = scratch.product.data();
-    const ConstMatrix<S> w_in = detail::weight_matrix<S>(theta, 3 * width_, width_);
     const ConstMatrix<S> w_out = detail::weight_matrix<S>(theta + out_weight(), width_, width_);
-    product<S>(w_in, x, state.qkv.leftCols(n), work, Into::set, theta + in_bias());
-    for (Eigen::Index sample = 0; sample < n / tokens_; ++sample) {
+    for (Eigen::Index sample = 0; sample < samples; ++sample) {
       for (Eigen::Index h = 0; h < heads_; ++h) {
         // Weights nobody asks for again stay in the nearest cache.
         Matrix<S> p = keep ? Matrix<S>(state.weights.middleCols((sample * heads_ + h) * tokens_, tokens_))
-                           : Matrix<S>(scratch.scores);
-        transposed_product<S>(head(state.qkv, 1, h, sample), head(state.qkv, 0, h, sample), p, work);
-        soften<S>(p, keys, sample);
-        product<S>(head(state.qkv, 2, h, sample), p,
-                   state.mixed.block(h * depth(), sample * tokens_, depth(), tokens_), work);
+                           : Matrix<S>(scratch.scores.leftCols(asking));
+        transposed_product<S>(head(qkv, 1, h, sample), head(qkv, 0, h, sample).rightCols(asking), p, work);
+        soften<S>(p, keys, sample, from);
+        product<S>(head(qkv, 2, h, sample), p, state.mixed.block(h * depth(), sample * asking, depth(), asking), work);
       }
     }
-    product<S>(w_out, state.mixed.leftCols(n), y, work, Into::set, theta + out_bias());
+    product<S>(w_out, state.mixed.leftCols(samples * asking), y, work, Into::set, theta + out_bias());
   }
 
-  // Scores to weights, column by column.
+  // Scores to weights, column by column; the first column is token `from`'s.
   template <class S>
-  void soften(Matrix<S> p, const KeyMask& keys, Eigen::Index sample) const noexcept {
+  void soften(Matrix<S> p, const KeyMask& keys, Eigen::Index sample, Eigen::Index from) const noexcept {
     using P = core::Pack<S>;
     constexpr S never = -std::numeric_limits<S>::infinity();
     const P scale(score_scale<S>());
-    for (Eigen::Index j = 0; j < tokens_; ++j) {
+    for (Eigen::Index j = 0; j < p.cols(); ++j) {
       S* const score = p.data() + j * p.outerStride();
       if (keys.cols() > 0) leave_out(score, &keys.coeffRef(0, sample));
-      if (allowed_.size() > 0) leave_out(score, &allowed_.coeffRef(0, j));
+      if (allowed_.size() > 0) leave_out(score, &allowed_.coeffRef(0, from + j));
       P best(never);
       detail::for_each_run<S>(tokens_, [&](auto run) {
         const P values = run.inside(run.load(score), never);

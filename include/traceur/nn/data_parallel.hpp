@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cassert>
+#include <concepts>
 #include <cstddef>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,21 @@
 #include <traceur/nn/optimizer.hpp>
 
 namespace traceur::nn {
+
+namespace detail {
+
+struct AnyMemory {
+  std::span<std::byte> operator()(int) const { return {}; }
+};
+
+}  // namespace detail
+
+/// An executor over several processes that all hold the same data. `share(n, job, memory)` returns, in all of them, when
+/// every job was done in at least one and the bytes `memory(i)`, which job i wrote, are there in all.
+template <class E>
+concept SharingExecutor = core::Executor<E> && requires(E& executor, int n, core::detail::AnyJob job, detail::AnyMemory memory) {
+  { executor.share(n, job, memory) } -> std::same_as<void>;
+};
 
 /// Splits the samples of a batch into a fixed number of chunks, has each chunk's gradient computed by an executor, and
 /// adds the gradients up in the order of the chunks. How the sum is grouped thus depends on the number of chunks alone:
@@ -39,20 +56,28 @@ public:
   /// The most samples a chunk has: what its workspace must hold.
   Eigen::Index largest(Eigen::Index samples) const noexcept { return (samples + chunks() - 1) / chunks(); }
 
-  /// Calls `f(chunk, first, count, gradient)` for every chunk that has samples, on any thread: it is to ADD the
+  /// Calls `f(chunk, first, count, gradient)` for every chunk that has samples, on any thread (or, with a
+  /// SharingExecutor, in any process, whose other writes the others do not see): it is to ADD the
   /// gradient over the samples [first, first + count) to `gradient` (S*, zero before), and may write to what belongs to
   /// these samples or to this chunk. Then adds the sum over the chunks to `total`. If a call throws, `total` is left as
   /// it was.
   template <core::Executor E, class F>
   void run(E& executor, Eigen::Index samples, Flat<S> total, F&& f) {
     assert(total.size() == parameters());
-    executor.run(chunks(), [&](int chunk) {
+    const auto job = [&](int chunk) {
       const Eigen::Index from = first(chunk, samples), count = first(chunk + 1, samples) - from;
       if (count == 0) return;
       auto gradient = gradients_.col(chunk);
       gradient.setZero();
       f(chunk, from, count, gradient.data());
-    });
+    };
+    if constexpr (SharingExecutor<E>) {
+      executor.share(chunks(), job, [&](int chunk) {
+        return std::as_writable_bytes(std::span(gradients_.col(chunk).data(), static_cast<std::size_t>(parameters())));
+      });
+    } else {
+      executor.run(chunks(), job);
+    }
     const Eigen::Index pieces = (parameters() + piece - 1) / piece;
     executor.run(static_cast<int>(pieces), [&](int i) {
       const Eigen::Index from = i * piece, count = std::min(piece, parameters() - from);

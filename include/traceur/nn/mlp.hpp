@@ -80,22 +80,8 @@ public:
   template <class S>
   void forward(const S* theta, ConstMatrix<S> x, Workspace<S>& w, Matrix<S> y) const noexcept {
     assert(x.cols() <= w.delta[0].cols());
-    const Eigen::Index n = x.cols();
-    const std::size_t last = layers() - 1;
-    for (std::size_t i = 0; i < last; ++i) {
-      auto& kept = (Hidden::reads_output ? w.hidden : w.before)[i];
-      detail::dense_forward<Hidden, true, S>(weight(theta, i), bias(theta, i), input<S>(x, w, i), kept.leftCols(n),
-                                             w.hidden[i].leftCols(n), w.scratch.data());
-    }
-    if constexpr (linear_output) {
-      detail::dense_forward<Output, false, S>(weight(theta, last), bias(theta, last), input<S>(x, w, last), y, y,
-                                              w.scratch.data());
-    } else {
-      auto kept = w.kept.leftCols(n);
-      detail::dense_forward<Output, true, S>(weight(theta, last), bias(theta, last), input<S>(x, w, last), kept, y,
-                                             w.scratch.data());
-      if constexpr (Output::reads_output) kept = y;
-    }
+    for_each_part(x.cols(),
+                  [&](Eigen::Index first, Eigen::Index count) { forward_part<S>(theta, x, w, y, first, count); });
   }
 
   /// Leaves what a `forward` has kept in the workspace as it is.
@@ -115,22 +101,9 @@ public:
   template <class S>
   void backward(const S* theta, ConstMatrix<S> x, ConstMatrix<S> dy, Workspace<S>& w, S* dtheta,
                 Matrix<S> dx) const noexcept {
-    const Eigen::Index n = x.cols();
-    const std::size_t last = layers() - 1;
-    for (std::size_t i = layers(); i-- > 0;) {
-      auto dz = delta<S>(w, i, n);
-      if (i < last) {
-        const auto& kept = (Hidden::reads_output ? w.hidden : w.before)[i];
-        activate_backward<Hidden, S>(kept.leftCols(n), dz, dz);
-      } else if constexpr (!linear_output) {
-        activate_backward<Output, S>(w.kept.leftCols(n), dy, dz);
-      }
-      const bool as_given = linear_output && i == last;
-      detail::dense_backward<S>(weight(theta, i), input<S>(x, w, i), as_given ? dy : ConstMatrix<S>(dz),
-                                detail::weight_matrix<S>(dtheta + offsets_[i], widths_[i + 1], widths_[i]),
-                                dtheta + bias_offset(i), i == 0 ? dx : Matrix<S>(delta<S>(w, i - 1, n)),
-                                w.scratch.data());
-    }
+    for_each_part(x.cols(), [&](Eigen::Index first, Eigen::Index count) {
+      backward_part<S>(theta, x, dy, w, dtheta, dx, first, count);
+    });
   }
 
   /// Weights and biases of every layer uniform in +-1 / sqrt(inputs of the layer).
@@ -175,9 +148,63 @@ private:
   const S* bias(const S* theta, std::size_t i) const noexcept {
     return theta + bias_offset(i);
   }
+  /// A large batch goes through all layers a part at a time, so that what lies between them stays in the
+  /// cache.
+  template <class F>
+  static void for_each_part(Eigen::Index columns, F&& f) noexcept {
+    constexpr Eigen::Index part = detail::outer_depth;
+    for (Eigen::Index first = 0; first < columns; first += part) f(first, std::min(part, columns - first));
+  }
+
   template <class S>
-  ConstMatrix<S> input(ConstMatrix<S> x, const Workspace<S>& w, std::size_t i) const noexcept {
-    return i == 0 ? x : ConstMatrix<S>(w.hidden[i - 1].leftCols(x.cols()));
+  void forward_part(const S* theta, ConstMatrix<S> x, Workspace<S>& w, Matrix<S> all, Eigen::Index first,
+                    Eigen::Index n) const noexcept {
+    Matrix<S> y = all.middleCols(first, n);
+    const std::size_t last = layers() - 1;
+    for (std::size_t i = 0; i < last; ++i) {
+      auto& kept = (Hidden::reads_output ? w.hidden : w.before)[i];
+      detail::dense_forward<Hidden, true, S>(weight(theta, i), bias(theta, i), input<S>(x, w, i, first, n),
+                                             kept.middleCols(first, n), w.hidden[i].middleCols(first, n),
+                                             w.scratch.data());
+    }
+    if constexpr (linear_output) {
+      detail::dense_forward<Output, false, S>(weight(theta, last), bias(theta, last), input<S>(x, w, last, first, n), y,
+                                              y, w.scratch.data());
+    } else {
+      auto kept = w.kept.middleCols(first, n);
+      detail::dense_forward<Output, true, S>(weight(theta, last), bias(theta, last), input<S>(x, w, last, first, n),
+                                             kept, y, w.scratch.data());
+      if constexpr (Output::reads_output) kept = y;
+    }
+  }
+
+  template <class S>
+  void backward_part(const S* theta, ConstMatrix<S> x, ConstMatrix<S> all_dy, Workspace<S>& w, S* dtheta,
+                     Matrix<S> all_dx, Eigen::Index first, Eigen::Index n) const noexcept {
+    const ConstMatrix<S> dy = all_dy.middleCols(first, n);
+    Matrix<S> dx = all_dx.cols() == 0 ? all_dx : Matrix<S>(all_dx.middleCols(first, n));
+    const std::size_t last = layers() - 1;
+    for (std::size_t i = layers(); i-- > 0;) {
+      auto dz = delta<S>(w, i, n);
+      if (i < last) {
+        const auto& kept = (Hidden::reads_output ? w.hidden : w.before)[i];
+        activate_backward<Hidden, S>(kept.middleCols(first, n), dz, dz);
+      } else if constexpr (!linear_output) {
+        activate_backward<Output, S>(w.kept.middleCols(first, n), dy, dz);
+      }
+      const bool as_given = linear_output && i == last;
+      detail::dense_backward<S>(weight(theta, i), input<S>(x, w, i, first, n), as_given ? dy : ConstMatrix<S>(dz),
+                                detail::weight_matrix<S>(dtheta + offsets_[i], widths_[i + 1], widths_[i]),
+                                dtheta + bias_offset(i), i == 0 ? dx : Matrix<S>(delta<S>(w, i - 1, n)),
+                                w.scratch.data());
+    }
+  }
+
+  /// Columns [first, first + n) of what layer i reads.
+  template <class S>
+  ConstMatrix<S> input(ConstMatrix<S> x, const Workspace<S>& w, std::size_t i, Eigen::Index first,
+                       Eigen::Index n) const noexcept {
+    return i == 0 ? ConstMatrix<S>(x.middleCols(first, n)) : ConstMatrix<S>(w.hidden[i - 1].middleCols(first, n));
   }
   /// What belongs to the output of layer i; that of layer i + 1 lies elsewhere.
   template <class S>

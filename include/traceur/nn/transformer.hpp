@@ -146,6 +146,40 @@ public:
     run<false, S>(theta, x, keys, state, scratch, y);
   }
 
+  /// What the layer makes of each token by itself: `Attention::project` of x, or of its norm.
+  template <class S>
+  void project(const S* theta, ConstMatrix<S> x, State<S>& state, Scratch<S>& scratch, Matrix<S> qkv) const noexcept {
+    if (order_ == NormOrder::before) {
+      Matrix<S> first = state.first.leftCols(x.cols());
+      norm1_.forward(theta + at_norm1(), x, state.norm1, first);
+      attention_.project(theta, first, scratch.attention, qkv);
+    } else {
+      attention_.project(theta, x, scratch.attention, qkv);
+    }
+  }
+
+  /// As `infer`, given `project` of x, for the tokens from `from` on of every sample only: y has tokens() - from columns a
+  /// sample.
+  template <class S>
+  void infer_projected(const S* theta, ConstMatrix<S> x, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from,
+                       State<S>& state, Scratch<S>& scratch, Matrix<S> y) const noexcept {
+    const Eigen::Index samples = x.cols() / tokens(), asking = tokens() - from, n = samples * asking;
+    Matrix<S> first = state.first.leftCols(n), middle = state.middle.leftCols(n), second = state.second.leftCols(n);
+    Matrix<S> sum = order_ == NormOrder::before ? middle : first;
+    attention_.infer_projected(theta, qkv, keys, from, state.attention, scratch.attention, sum);
+    for (Eigen::Index sample = 0; sample < samples; ++sample) {
+      sum.middleCols(sample * asking, asking) += x.middleCols(sample * tokens() + from, asking);
+    }
+    if (order_ == NormOrder::before) {
+      norm2_.forward(theta + at_norm2(), middle, state.norm2, second);
+      feed_forward<false, S>(theta, second, middle, state, scratch, y);
+    } else {
+      norm1_.forward(theta + at_norm1(), first, state.norm1, middle);
+      feed_forward<false, S>(theta, middle, middle, state, scratch, second);
+      norm2_.forward(theta + at_norm2(), second, state.norm2, y);
+    }
+  }
+
   template <class S>
   void backward(const S* theta, ConstMatrix<S> x, ConstMatrix<S> dy, Workspace<S>& w, S* dtheta,
                 Matrix<S> dx) const noexcept {
@@ -330,6 +364,17 @@ public:
     return w;
   }
 
+  /// A workspace for `infer`, `project` and `infer_projected` only: the memory of one layer.
+  template <class S>
+  Workspace<S> inference_workspace(Eigen::Index max_columns) const {
+    Workspace<S> w;
+    w.layers.push_back(layer_.template state<S>(max_columns));
+    for (int i = 0; i < 2; ++i) w.between.emplace_back(outputs(), max_columns);
+    w.norm = norm_.template workspace<S>(max_columns);
+    w.scratch = layer_.template scratch<S>(max_columns);
+    return w;
+  }
+
   template <class S>
   void forward(const S* theta, ConstMatrix<S> x, Workspace<S>& w, Matrix<S> y) const noexcept {
     forward(theta, x, no_mask(), w, y);
@@ -363,6 +408,36 @@ public:
     }
     const auto last = static_cast<std::size_t>((count_ + 1) % 2);
     if (final_norm_) norm_.forward(theta + at_norm(), w.between[last].leftCols(n), w.norm, y);
+  }
+
+  /// What the first layer makes of each token by itself, q, k and v below each other: 3 inputs() x columns. Of tokens that
+  /// stay the same from call to call it needs computing only once.
+  template <class S>
+  void project(const S* theta, ConstMatrix<S> x, Workspace<S>& w, Matrix<S> qkv) const noexcept {
+    layer_.project(theta, x, w.layers[0], w.scratch, qkv);
+  }
+
+  /// As `infer`, given `project` of x, for the tokens from `from` on of every sample only, which the last layer alone then
+  /// works on: y has tokens() - from columns a sample.
+  template <class S>
+  void infer_projected(const S* theta, ConstMatrix<S> x, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from,
+                       Workspace<S>& w, Matrix<S> y) const noexcept {
+    const Eigen::Index n = x.cols(), asking = y.cols();
+    for (Eigen::Index l = 0; l < count_; ++l) {
+      const auto own = static_cast<std::size_t>(l % 2), last = static_cast<std::size_t>((l + 1) % 2);
+      const ConstMatrix<S> in = l == 0 ? x : ConstMatrix<S>(w.between[last].leftCols(n));
+      const bool end = l + 1 == count_;
+      const S* const own_theta = theta + l * layer_.parameters();
+      Matrix<S> projected = w.layers[0].attention.qkv.leftCols(n);
+      if (l > 0) layer_.project(own_theta, in, w.layers[0], w.scratch, projected);
+      layer_.infer_projected(own_theta, in, l == 0 ? qkv : ConstMatrix<S>(projected), keys, end ? from : Eigen::Index{0},
+                             w.layers[0], w.scratch,
+                             !end          ? Matrix<S>(w.between[own].leftCols(n))
+                             : final_norm_ ? Matrix<S>(w.between[own].leftCols(asking))
+                                           : y);
+    }
+    const auto last = static_cast<std::size_t>((count_ + 1) % 2);
+    if (final_norm_) norm_.forward(theta + at_norm(), w.between[last].leftCols(asking), w.norm, y);
   }
 
   template <class S>

@@ -298,7 +298,13 @@ class Lanes {
   };
   struct SelfPair {
     int a = 0, b = 0;                                   ///< moving bodies
-    std::vector<std::array<std::size_t, 2>> features;   ///< of a, of b
+    std::vector<std::array<std::size_t, 2>> segments;   ///< of a, of b
+  };
+  /// A solid that collides with others of its character, and where it is in this step.
+  struct SelfSegment {
+    std::size_t feature = 0, body = 0;
+    Vector3 center, half_axis;
+    S reach;  ///< from the centre, a little more than the solid's
   };
   static constexpr int ground_numbers = 5, touch_numbers = 6;
   /// How far a root may move before the boxes near it are looked for again, m.
@@ -731,8 +737,17 @@ class Lanes {
         if (!axes || squared_norm(model_->features[static_cast<std::size_t>(f)].half_axis) > 0) out.push_back(static_cast<std::size_t>(f));
       return out;
     };
+    const auto segment = [&](std::size_t feature, int body) {
+      for (std::size_t i = 0; i < segments_.size(); ++i)
+        if (segments_[i].feature == feature) return i;
+      SelfSegment s{};
+      s.feature = feature;
+      s.body = static_cast<std::size_t>(body);
+      segments_.push_back(s);
+      return segments_.size() - 1;
+    };
     for (std::size_t a : solids(pair.a))
-      for (std::size_t b : solids(pair.b)) pair.features.push_back({a, b});
+      for (std::size_t b : solids(pair.b)) pair.segments.push_back({segment(a, pair.a), segment(b, pair.b)});
     pairs_.push_back(std::move(pair));
     self_force_.assign(model_->bodies.size(), Vector3::zero());
     self_moment_.assign(model_->bodies.size(), Vector3::zero());
@@ -1044,19 +1059,30 @@ class Lanes {
         yield(contacts_[g.contact], objects_[static_cast<std::size_t>(g.object)].work);
   }
 
+  void place_segment(SelfSegment& s) noexcept {
+    const BodyWork<S>& k = work_.bodies[s.body];
+    const FeatureNumbers<S>& n = numbers_.features[s.feature];
+    s.center = k.position + k.rotation * n.center;
+    s.half_axis = k.rotation * n.half_axis;
+    // The millimetre is more than rounding can come to.
+    s.reach = norm(s.half_axis) + n.radius + constant(1e-3);
+  }
+
   [[gnu::noinline]] void find_self_collisions() noexcept {
     const S zero = constant(0);
     for (std::size_t i = 0; i < self_force_.size(); ++i) self_force_[i] = self_moment_[i] = Vector3::zero();
+    for (SelfSegment& s : segments_) place_segment(s);
     for (const SelfPair& pair : pairs_) {
       const auto a = static_cast<std::size_t>(pair.a), b = static_cast<std::size_t>(pair.b);
       const BodyWork<S>&ka = work_.bodies[a], &kb = work_.bodies[b];
       const S reach = numbers_.bodies[a].reach + numbers_.bodies[b].reach;
       if (!core::any(squared_norm(ka.position - kb.position) < reach * reach)) continue;
-      for (const auto& [fa, fb] : pair.features) {
-        const FeatureNumbers<S>&na = numbers_.features[fa], &nb = numbers_.features[fb];
-        const SegmentPair<S> closest = closest_points(
-            ka.position + ka.rotation * na.center, ka.rotation * na.half_axis,
-            kb.position + kb.rotation * nb.center, kb.rotation * nb.half_axis);
+      for (const auto& [sa, sb] : pair.segments) {
+        const SelfSegment &first = segments_[sa], &second = segments_[sb];
+        const S near = first.reach + second.reach;
+        if (!core::any(squared_norm(first.center - second.center) < near * near)) continue;
+        const FeatureNumbers<S>&na = numbers_.features[first.feature], &nb = numbers_.features[second.feature];
+        const SegmentPair<S> closest = closest_points(first.center, first.half_axis, second.center, second.half_axis);
         const Vector3 d = closest.on_a - closest.on_b;
         const S distance = norm(d), depth = na.radius + nb.radius - distance;
         if (!core::any(depth > zero)) continue;
@@ -1166,6 +1192,7 @@ class Lanes {
   std::vector<Object> objects_;
   std::vector<Grip> grips_;
   std::vector<SelfPair> pairs_;
+  std::vector<SelfSegment> segments_;
   std::vector<Vector3> self_force_, self_moment_;
   std::size_t touches_first_ = 0;
   std::ptrdiff_t taken_ = 0;  ///< numbers of the state given away so far

@@ -2,9 +2,11 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <type_traits>
 
+#include "traceur/core/detail/tiles.hpp"
 #include "traceur/core/pack.hpp"
 #include "traceur/core/vector3.hpp"
 #include "traceur/terrain/height_grid.hpp"
@@ -30,53 +32,61 @@ struct NearestCell {
 /// Why one search serves both sides: ground is the union of the columns below each cell's top, air the union of the
 /// columns above. Outside, the distance is that to the nearest column of ground; inside, that to the nearest column of
 /// air. Faces between neighbouring columns of ground, which are no surface, never enter.
+///
+/// Rows of cells are looked at a register at a time, from the point's own row outwards, as far as a nearer column is
+/// possible.
 template <class T>
 inline NearestCell nearest_cell(const HeightTable<T>& t, T x, T y, T z) noexcept {
+  using P = core::Pack<T>;
   const int i0 = t.column(x), j0 = t.row(y);
   const T own = t.height(i0, j0);
   NearestCell best{i0, j0, i0, j0, z < own};
   const T sign = best.inside ? T(-1) : T(1);
+  const T least = core::max(best.inside ? t.lowest - z : z - t.highest, T(0)), least_squared = least * least;
   T best_squared = (z - own) * (z - own);
-  const T least = core::max(best.inside ? t.lowest - z : z - t.highest, T(0));
-  const T infinity = std::numeric_limits<T>::infinity();
-  const auto consider = [&](int i, int j, T across_squared) {
-    const T up = core::max(sign * (z - t.height(i, j)), T(0));
-    const T squared = across_squared + up * up;
-    if (squared < best_squared) {
-      best_squared = squared;
-      best.i = i;
-      best.j = j;
-    }
-  };
-  const auto across_x = [&](int i) {
-    return i < i0 ? core::max(x - t.edge_x(i + 1), T(0)) : i > i0 ? core::max(t.edge_x(i) - x, T(0)) : T(0);
-  };
+  // Columns farther across than this cannot be nearer; the share more covers rounding.
+  const T reach_squared = best_squared - least_squared;
+  if (!(reach_squared > T(0))) return best;
+  const T reach = std::sqrt(reach_squared) * T(1.00001);
+  const int west = t.column(x - reach), east = t.column(x + reach);
+  const int south = t.row(y - reach), north = t.row(y + reach);
   const auto across_y = [&](int j) {
     return j < j0 ? core::max(y - t.edge_y(j + 1), T(0)) : j > j0 ? core::max(t.edge_y(j) - y, T(0)) : T(0);
   };
-  for (int k = 1;; ++k) {
-    const int west = i0 - k, east = i0 + k, south = j0 - k, north = j0 + k;
-    const T side[4] = {west >= 0 ? across_x(west) : infinity, east < t.nx ? across_x(east) : infinity,
-                       south >= 0 ? across_y(south) : infinity, north < t.ny ? across_y(north) : infinity};
-    const auto hopeless = [&](T r) { return !(r * r + least * least < best_squared); };
-    if (hopeless(side[0]) && hopeless(side[1]) && hopeless(side[2]) && hopeless(side[3])) return best;
-    const int j_low = south > 0 ? south : 0, j_high = north < t.ny ? north : t.ny - 1;
-    for (int s = 0; s < 2; ++s) {
-      if (hopeless(side[s])) continue;
-      for (int j = j_low; j <= j_high; ++j) {
-        const T r = across_y(j);
-        consider(s == 0 ? west : east, j, side[s] * side[s] + r * r);
+  P lane(0.0);
+  for (int l = 0; l < P::width; ++l) lane.set(l, static_cast<T>(l));
+  const P cell(t.cell), zero(0.0);
+  for (int first = west; first <= east; first += P::width) {
+    const P column = lane + P(static_cast<T>(first)), low = P(t.x0) + column * cell;
+    const P high = P(t.x0) + (column + P(1.0)) * cell;
+    P across = core::max(core::max(low - P(x), P(x) - high), zero);
+    across = select(column == P(static_cast<T>(i0)), zero, across);
+    // Lanes beyond the last column of interest read some other row's heights and are never nearest.
+    const P beside = select(column <= P(static_cast<T>(east)), across * across, P(std::numeric_limits<T>::infinity()));
+    const auto look = [&](int j) {
+      const T r = across_y(j), r_squared = r * r;
+      if (!(r_squared + least_squared < best_squared)) return false;
+      const std::size_t at =
+          static_cast<std::size_t>(first) + static_cast<std::size_t>(t.nx) * static_cast<std::size_t>(j);
+      const std::size_t left = t.heights.size() - at;
+      const P height = left >= static_cast<std::size_t>(P::width)
+                           ? P::load(t.heights.data() + at)
+                           : P(core::detail::load_part<T>(t.heights.data() + at, static_cast<Eigen::Index>(left)));
+      const P up = core::max(P(sign) * (P(z) - height), zero), squared = beside + P(r_squared) + up * up;
+      if (!core::any(squared < P(best_squared))) return true;
+      for (int l = 0; l < P::width; ++l) {
+        if (!(squared[l] < best_squared)) continue;
+        best_squared = squared[l];
+        best.i = first + l;
+        best.j = j;
       }
-    }
-    const int i_low = west + 1 > 0 ? west + 1 : 0, i_high = east - 1 < t.nx ? east - 1 : t.nx - 1;
-    for (int s = 2; s < 4; ++s) {
-      if (hopeless(side[s])) continue;
-      for (int i = i_low; i <= i_high; ++i) {
-        const T r = across_x(i);
-        consider(i, s == 2 ? south : north, side[s] * side[s] + r * r);
-      }
-    }
+      return true;
+    };
+    look(j0);
+    for (int j = j0 - 1; j >= south && look(j);) --j;
+    for (int j = j0 + 1; j <= north && look(j);) ++j;
   }
+  return best;
 }
 
 /// One point: plain numbers and dual numbers.
@@ -113,8 +123,8 @@ inline SurfaceSample<S> surface_of_one(const HeightGrid& grid, const core::Vecto
 
 }  // namespace detail
 
-/// Exact signed distance of a point from the ground and its gradient, by looking at ever larger rings of cells until no
-/// nearer one is possible. Any scalar: `double`, `float`, `ceres::Jet`, a pack (lane by lane).
+/// Exact signed distance of a point from the ground and its gradient, by looking at all cells that could be nearer
+/// than the point's own. Any scalar: `double`, `float`, `ceres::Jet`, a pack (lane by lane).
 ///
 /// Where two points of the surface are equally near the gradient belongs to one of them, always the same one. A point
 /// that is not finite has the distance NaN and the normal +z.
