@@ -18,6 +18,7 @@ using motions::contains;
 using motions::distance;
 using motions::error_of;
 using motions::position;
+using motions::replaced;
 using motions::Vector;
 using traceur::io::LoadedClip;
 using traceur::io::parse_motion_json;
@@ -172,6 +173,9 @@ TEST_CASE("every fault names field and frame") {
   for (std::size_t size = 0; size < good.size(); size += 7)
     CHECK(!error_of([&] { parse_motion_json(good.substr(0, size), "m"); }).empty());
   fault(std::string(200000, '['), "not JSON");
+  fault(good + std::string(1, '\0'), "m.json:1: not JSON: did not expect a null byte");
+  fault(good + "\n" + std::string("\0 and more", 10), "m.json:2: not JSON: did not expect a null byte");
+  fault(replaced(amp().dump(), "pelvis", std::string("pel\0vis", 7)), "null byte");
 }
 
 TEST_CASE("recorded: feet labelled in contact touch the ground that came with the clip") {

@@ -79,7 +79,7 @@ TEST_CASE("terrain file: PARC's own motions stand on their terrain") {
 TEST_CASE("terrain file: every fault has a message of one line") {
   const std::string good = R"("cell_m":1,"corner_m":[0,0])";
   const char* const cases[][2] = {
-      {"", "t.json: not JSON"},
+      {"", "t.json:1: not JSON"},
       {"{\"cell_m\":\n\n1e999}", "t.json: not JSON"},
       {"[]", "t.json: expected an object"},
       {"{\"terrain\":5}", "t.json: terrain: expected an object"},
@@ -100,6 +100,8 @@ TEST_CASE("terrain file: every fault has a message of one line") {
   }
   CHECK(message("{" + good + ",\"heights_m\":[[1]]}").empty());
   CHECK(!message(std::string(200000, '[')).empty());
+  CHECK(message("{" + good + ",\n\"heights_m\":[[1]]}" + std::string("\0more", 5)) ==
+        "t.json:2: not JSON: did not expect a null byte");
   CHECK_THROWS_AS(traceur::io::read_terrain("/no/such/file.json"), Error);
   CHECK_THROWS_AS(traceur::io::read_terrain(fs::temp_directory_path()), Error);
 }

@@ -11,6 +11,7 @@
 
 #include "traceur/core/error.hpp"
 #include "traceur/io/atomic_file.hpp"
+#include "traceur/io/detail/json.hpp"
 #include "traceur/terrain/height_grid.hpp"
 
 namespace traceur::io {
@@ -82,15 +83,7 @@ inline terrain::HeightGrid terrain_from_json(const nlohmann::json& object, const
 /// Throws Error, one line beginning with `name`.
 inline terrain::HeightGrid parse_terrain(std::string_view text, const std::string& name) {
   if (text.size() > detail::terrain_max_bytes) throw Error(name + ": expected at most 256 MiB");
-  nlohmann::json root;
-  try {
-    root = nlohmann::json::parse(text.begin(), text.end());
-  } catch (const nlohmann::json::exception& error) {
-    std::string reason = error.what();
-    for (char& c : reason)
-      if (static_cast<unsigned char>(c) < 32 || c == 127) c = '?';
-    throw Error(name + ": not JSON: " + reason);
-  }
+  const nlohmann::json root = detail::parse_json(text, name);
   if (root.is_object() && root.contains("terrain")) return terrain_from_json(root["terrain"], name + ": terrain");
   return terrain_from_json(root, name);
 }

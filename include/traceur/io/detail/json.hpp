@@ -19,15 +19,19 @@ using Json = nlohmann::json;
 
 /// The text as JSON. Throws Error that names the line (`first_line` is the number of the text's first).
 inline Json parse_json(std::string_view text, std::string_view where, int first_line = 1) {
+  const auto line_of = [&](std::size_t at) {
+    return first_line + static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
+  };
+  // To the parser a null byte is the end of the text, whatever comes after it.
+  if (const std::size_t null = text.find('\0'); null != std::string_view::npos)
+    fail(where, line_of(null), "not JSON: did not expect a null byte");
   try {
     return Json::parse(text.begin(), text.end());
   } catch (const Json::parse_error& e) {
     const std::size_t at = std::min(e.byte == 0 ? 0 : e.byte - 1, text.size());
-    const auto line =
-        first_line + static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
     if (at >= text.size())
-      fail(where, line, "not JSON: expected more, found the end of the text; is the file truncated?");
-    fail(where, line, "not JSON: did not expect " + shown(text.substr(at, 20)));
+      fail(where, line_of(at), "not JSON: expected more, found the end of the text; is the file truncated?");
+    fail(where, line_of(at), "not JSON: did not expect " + shown(text.substr(at, 20)));
   } catch (const Json::exception&) {
     throw Error(std::string(where) + ": not JSON: a number is too large");
   }
