@@ -2,12 +2,13 @@
 // The code of docs/control.md.
 #include <traceur/control/learn_feedback.hpp>
 #include <traceur/control/make_controller.hpp>
+#include <traceur/control/running_search.hpp>
 #include <traceur/control/sampling_control.hpp>
 #include <traceur/io/mjcf.hpp>
 
 #include <doctest/doctest.h>
 
-#include "support.hpp"
+#include "moving_gait.hpp"
 
 using namespace traceur;
 
@@ -52,4 +53,29 @@ TEST_CASE("docs/control.md") {
   CHECK(controller.law.size() == 297);
   REQUIRE(trials.size() == 16);
   for (const control::EpisodeResult& r : trials) CHECK_FALSE(r.non_finite);
+}
+
+TEST_CASE("docs/control.md, running at any speed and turn") {
+  using S = core::Pack<float>;
+  const sim::Model& model = figures::humanoid().model;
+  const control::Roles& roles = figures::humanoid().roles;
+  const control::Controller gait = figures::any_controller(figures::humanoid(), 48, true, 3.0);
+  const sim::Ground<float> ground;
+
+  const control::MotionTable table(model, roles, gait, {0.5, 0.75, 1, 1.25, 1.5});
+  const control::Skill skill{table, {gait.shape, 2}, gait.limits};
+  control::RunningTrials<S> runs(model, roles, gait.simulation, ground, gait, skill);
+
+  control::RunningSearch search;
+  search.run.frequency = {2 / table.duration(), table.speed()};  // c_f and c_v of Eq. 8
+  search.run.cycles = 2;
+  search.generations = 2;
+  search.trials = 4;
+  const control::RunningTask left_turn{0.02, table.speed()};  // rad per step, m/s
+  const control::RunningFound found =
+      control::search_running(runs, skill.shape, left_turn, skill.shape.neutral(gait.law), search);
+
+  CHECK(skill.shape.size() == 83);
+  CHECK(found.runs > 0);
+  CHECK(found.control.size() == 83);
 }

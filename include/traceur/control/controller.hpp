@@ -126,6 +126,11 @@ template <class S>
     turn(roles.legs[sw].foot, da + 9);
     turn(roles.legs[st].foot, da + 12);
   }
+  if (sets.knees) {
+    const S* a = da + (sets.ankles ? 15 : 9);
+    lanes.target()[model.bodies[static_cast<std::size_t>(roles.legs[sw].knee)].q_index] += a[0];
+    lanes.target()[model.bodies[static_cast<std::size_t>(roles.legs[st].knee)].q_index] += a[1];
+  }
 }
 
 }  // namespace traceur::control

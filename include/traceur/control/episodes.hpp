@@ -106,7 +106,7 @@ class EpisodeRunner {
     for (int l = 0; l < used; ++l) alive[static_cast<std::size_t>(l)] = true;
     int living = used;
     std::array<S, full_sensors> raw;
-    std::array<S, 15> da;
+    std::array<S, full_actions> da;
     CycleCarry carry;
     const Vector3<double> from = Vector3<double>::from(c.reference.center_of_mass.col(0).data());
     for (int tick = 0; tick < ticks && (living > 0 || observer); ++tick) {

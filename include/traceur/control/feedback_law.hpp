@@ -17,14 +17,18 @@ struct FeedbackSets {
   bool swing_foot = false;  ///< sensor: vector from the centre of mass to the swing foot
   bool root_spin = false;   ///< sensor: angular velocity of the root
   bool ankles = false;      ///< actions: swing and stance ankle
+  bool knees = false;       ///< actions: swing and stance knee, one angle each, bending positive
 
   int sensors() const { return 12 + (swing_foot ? 3 : 0) + (root_spin ? 3 : 0); }  ///< n
-  int actions() const { return 9 + (ankles ? 6 : 0); }                             ///< m
+  int actions() const { return 9 + (ankles ? 6 : 0) + (knees ? 2 : 0); }           ///< m
 };
 
 /// Sensors a law can have, in the order of a full measurement: root orientation, centre of mass, its velocity, stance foot,
 /// swing foot, root angular velocity; three numbers each.
 inline constexpr int full_sensors = 18;
+
+/// Actions a law can have at most.
+inline constexpr int full_actions = 17;
 
 /// Limits on what a law sees and does, so that a character far off its reference is still given sensible targets.
 struct FeedbackLimits {

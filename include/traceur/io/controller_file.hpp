@@ -9,6 +9,7 @@
 
 #include "traceur/control/controller.hpp"
 #include "traceur/io/atomic_file.hpp"
+#include "traceur/io/detail/json.hpp"
 
 namespace traceur::io {
 
@@ -152,12 +153,7 @@ inline void write_controller(const std::filesystem::path& path, const control::C
 /// Reads a controller for a character from text. Throws Error naming the field at fault, also when the controller belongs to
 /// a character of other coordinates. `where` begins messages.
 inline control::Controller parse_controller(const std::string& text, const std::string& where, const sim::Model& model, const control::Roles& roles) {
-  nlohmann::json json;
-  try {
-    json = nlohmann::json::parse(text);
-  } catch (const nlohmann::json::exception&) {
-    throw Error(where + ": expected a controller in JSON");
-  }
+  const nlohmann::json json = detail::parse_json(text, where);
   const detail::FieldReader f(json, where);
   if (f.text("format") != "traceur controller 1") throw Error(where + ": field 'format': expected 'traceur controller 1'");
   control::Controller c;

@@ -1,0 +1,241 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "traceur/control/clearing_cost.hpp"
+#include "traceur/control/composition.hpp"
+
+namespace traceur::control {
+
+/// A state in which a running step on the left foot begins, seen from the centre of mass' place on the ground: x and y zero,
+/// heading for +x.
+struct RunningState {
+  Eigen::VectorXd pose, velocity;
+};
+
+/// States of a runner at the moments when a step on the left foot begins, once it runs steadily: from `runs` perturbed runs
+/// of `cycles` cycles each, those after the first half that survived. Throws Error when none did.
+template <class S>
+std::vector<RunningState> running_states(RunningTrials<S>& trials, const sim::Model& model, const Skill& gait, const RunningTask& task,
+                                         const Eigen::VectorXd& control, RunningSettings e, int runs) {
+  constexpr int width = core::lane_count<S>;
+  double left = 0;
+  for (const int t : gait.table.step_starts())
+    if (gait.table.stance(t) == 1) left = t;
+  std::vector<RunningState> out;
+  const double n = gait.table.ticks();
+  for (int first = 0; first < runs; first += width) {
+    const int used = std::min(width, runs - first);
+    std::array<std::vector<RunningState>, static_cast<std::size_t>(width)> found;
+    std::array<double, static_cast<std::size_t>(width)> before{};
+    const auto observe = [&](int, const sim::Lanes<S>& lanes, const auto& players) {
+      for (int l = 0; l < used; ++l) {
+        const auto k = static_cast<std::size_t>(l);
+        const double now = players[k].phase();
+        const bool crossed = std::floor((now - left) / n + 1e-9) > std::floor((before[k] - left) / n + 1e-9);
+        before[k] = now;
+        if (!crossed || now < n * e.cycles / 2) continue;
+        RunningState s{Eigen::VectorXd(model.nq), Eigen::VectorXd(model.nv)};
+        for (int i = 0; i < model.nq; ++i) s.pose[i] = core::lane_of(lanes.q()[i], l);
+        for (int i = 0; i < model.nv; ++i) s.velocity[i] = core::lane_of(lanes.v()[i], l);
+        body::normalize(model.character.skeleton, s.pose.data());
+        s.pose[0] -= core::lane_of(lanes.work().center_of_mass.x, l);
+        s.pose[1] -= core::lane_of(lanes.work().center_of_mass.y, l);
+        found[k].push_back(std::move(s));
+      }
+    };
+    const auto outcomes = trials.run(
+        e, used, [&](int) { return control.data(); }, [&](int) { return task; }, [&](int l) { return first + l; }, observe);
+    for (int l = 0; l < used; ++l)
+      if (outcomes[static_cast<std::size_t>(l)].survived)
+        for (RunningState& s : found[static_cast<std::size_t>(l)]) out.push_back(std::move(s));
+  }
+  if (out.empty()) throw Error("running states: every run fell");
+  return out;
+}
+
+/// At which speed a runner goes on after a manoeuvre (theta_out): a little faster than it is, until it is as fast as before.
+struct ExitSpeed {
+  double slowest = 2.5, gain = 0.2;  ///< m/s; the gain is that of one step
+
+  double operator()(double now, double cruise) const noexcept { return std::clamp(now + gain, std::min(slowest, cruise), cruise); }
+};
+
+/// How a trial of a jump up a step goes.
+struct ClearingSettings {
+  double place = 0.2;        ///< starts are moved by up to so much along the run, m
+  double velocity = 0.1;     ///< and pushed by up to so much along each axis, m/s
+  int steps_after = 6;       ///< running steps to be done after it
+  ExitSpeed exit;            ///< their speeds
+  double least_root = 0.5;   ///< fallen with the root lower over the ground than this, m,
+  double most_tilt = 1.15;   ///< or tilted by more than this, rad
+  ClearingWeights weights;
+  double lost = 20;          ///< cost of the whole time lost, beside Eq. 10
+  double overlap = 0.02;     ///< soles shall pass the edge by this much, m
+  std::uint64_t seed = 1, stream = 0;
+};
+
+/// What became of one trial.
+struct ClearingOutcome {
+  bool survived = false, cleared = false;  ///< to the end; on top with both feet, in the manoeuvre's last stance
+  double seconds = 0, cost = 0;
+  double contact = 0, balance = 0, pose = 0;  ///< E_c, E_b (m), mean of the sensed distances
+  double exit_speed = 0;                      ///< mean over the steps after it, m/s
+};
+
+/// Tries compositions of running and a jump up a step on a pack of lanes: a running step leads into the manoeuvre, and
+/// running steps follow it. One per worker and ground.
+template <class S>
+class ClearingTrials {
+public:
+  using T = core::Element<S>;
+  static constexpr int width = core::lane_count<S>;
+
+  /// The ground rises by `height` m at x = 0. All must outlive it.
+  ClearingTrials(const sim::Model& model, const Roles& roles, const sim::Parameters& simulation, const sim::Ground<T>& ground,
+                 double height, double tick, int steps_per_tick, const Skill& gait, const Composer::Settings& composition = {})
+      : model_(&model), roles_(roles), height_(height), tick_(tick), steps_(steps_per_tick), gait_(&gait),
+        lanes_(model, simulation, ground), follower_(model, roles, gait.shape.law, gait.limits) {
+    for (int l = 0; l < width; ++l) composers_.emplace_back(model, gait, composition);
+  }
+
+  sim::Lanes<S>& lanes() { return lanes_; }
+  double height() const { return height_; }
+
+  /// One trial in each of the first `used` lanes. `manoeuvre(lane)` refers to what is tried, `start(lane)` is the number of
+  /// its start, taken from `states`; `running(speed)` is the control for running straight ahead at a speed, before and after.
+  template <class Of, class Start, class Running>
+  std::array<ClearingOutcome, static_cast<std::size_t>(width)> run(const ClearingSettings& e, int used, Of&& manoeuvre, Start&& start,
+                                                                   const std::vector<RunningState>& states,
+                                                                   Running&& running) {
+    std::array<ClearingOutcome, static_cast<std::size_t>(width)> out{};
+    std::array<bool, static_cast<std::size_t>(width)> alive{};
+    std::array<Marks, static_cast<std::size_t>(width)> marks{};
+    double longest = 0;
+    for (int l = 0; l < width; ++l) {
+      const auto k = static_cast<std::size_t>(l);
+      const int lane = std::min(l, used - 1);
+      const Manoeuvre& m = manoeuvre(lane);
+      core::RandomStream random(e.seed, e.stream, static_cast<std::uint64_t>(start(lane)));
+      const RunningState& from = states[static_cast<std::size_t>(random.next_u32()) % states.size()];
+      RunningStart s{from.pose, from.velocity};
+      const double x = -m.distance + e.place * random.uniform(-1.0, 1.0);
+      s.pose[0] += x;
+      for (int i = 0; i < 3; ++i) s.velocity[i] += e.velocity * random.uniform(-1.0, 1.0);
+      RunningTrials<S>::put(lanes_, *model_, l, s);
+      follower_.forget(l);
+      Composer& c = composers_[k];
+      const Eigen::VectorXd before = running(m.speed_in);
+      c.set_exit(before);
+      c.start(before, m.speed_in, {0, x, 0, 0}, c.step_start(1));
+      c.clear(m, {0, 0, 0, 0});
+      alive[k] = l < used;
+      const double ticks_of = m.end > 0 ? m.end : m.skill->table.ticks();
+      const double whole = ticks_of * m.skill->table.tick() * m.control[m.skill->shape.beta()] + e.steps_after * 0.5 * gait_->table.duration();
+      marks[k].whole = whole;
+      longest = std::max(longest, whole);
+    }
+    lanes_.refresh();
+    int living = used;
+    const int ticks = static_cast<int>(std::ceil(longest / tick_));
+    std::array<S, full_sensors> ds;
+    for (int n = 0; n < ticks && living > 0; ++n) {
+      for (int l = 0; l < width; ++l) {
+        Composer& c = composers_[static_cast<std::size_t>(l)];
+        if (c.at_step()) {
+          const double now = core::lane_of(lanes_.work().linear_momentum.x, l) / model_->total_mass;
+          const double speed = e.exit(now, manoeuvre(std::min(l, used - 1)).speed_out);
+          c.step(running(speed), speed, 0);
+        }
+        follower_.set(l, c.player());
+      }
+      follower_.act(lanes_, ds.data());
+      lanes_.step(steps_);
+      const auto& w = lanes_.work();
+      using core::Vector3;
+      const S distance = norm(Vector3<S>{ds[0], ds[1], ds[2]}) + core::min(norm(Vector3<S>{ds[3], ds[4], ds[5]}), S(T(1)));
+      for (int l = 0; l < used; ++l) {
+        const auto k = static_cast<std::size_t>(l);
+        if (!alive[k]) continue;
+        Composer& c = composers_[k];
+        Marks& m = marks[k];
+        ClearingOutcome& o = out[k];
+        const RunStage before = c.stage();
+        c.advance(tick_, core::lane_of(w.center_of_mass.x, l), core::lane_of(w.center_of_mass.y, l));
+        const double at = core::lane_of(w.bodies[0].position.x, l);
+        const double floor = at > 0 ? height_ : 0;
+        const double up = core::lane_of(w.bodies[0].rotation.zz, l);
+        if (lanes_.failed(l) || core::lane_of(lanes_.q()[2], l) < floor + e.least_root || up < std::cos(e.most_tilt)) {
+          alive[k] = false;
+          --living;
+          continue;
+        }
+        o.seconds = (n + 1) * tick_;
+        if (before == RunStage::trans_in || before == RunStage::clear) {
+          o.pose += core::lane_of(distance, l);
+          ++m.clearing;
+          watch_feet(l, e, o);
+        }
+        if (before != RunStage::trans_out && c.stage() == RunStage::trans_out) {
+          o.balance = off_balance(l, ds);
+          o.cleared = foot(0, l).x > 0 && foot(1, l).x > 0;
+          m.left = n;
+          m.x = core::lane_of(w.center_of_mass.x, l);
+        }
+        if (o.seconds >= m.whole - 1e-9) {
+          o.survived = true;
+          if (m.left >= 0 && n > m.left) o.exit_speed = (core::lane_of(w.center_of_mass.x, l) - m.x) / ((n - m.left) * tick_);
+          alive[k] = false;
+          --living;
+        }
+      }
+    }
+    for (int l = 0; l < used; ++l) {
+      const auto k = static_cast<std::size_t>(l);
+      ClearingOutcome& o = out[k];
+      if (marks[k].clearing > 0) o.pose /= marks[k].clearing;
+      if (!o.survived) o.balance = std::max(o.balance, 0.3);
+      o.cost = clearing_cost(o.contact, o.balance, {o.pose, 0, 0}, e.weights) + e.lost * std::max(0.0, 1 - o.seconds / marks[k].whole);
+      if (!std::isfinite(o.cost)) o.cost = 1e3;
+    }
+    return out;
+  }
+
+private:
+  struct Marks {
+    double whole = 0, x = 0;
+    int clearing = 0, left = -1;
+  };
+
+  core::Vector3<double> foot(std::size_t side, int l) const {
+    const auto& p = lanes_.work().bodies[static_cast<std::size_t>(roles_.legs[side].foot)].position;
+    return {core::lane_of(p.x, l), core::lane_of(p.y, l), core::lane_of(p.z, l)};
+  }
+  /// E_c: the lowest a sole is while it passes the edge, or before it beyond it.
+  void watch_feet(int l, const ClearingSettings& e, ClearingOutcome& o) const {
+    constexpr double ankle_height = 0.05, toes = 0.15, heel = 0.06;
+    for (std::size_t side = 0; side < 2; ++side) {
+      const auto f = foot(side, l);
+      if (f.x > -toes && f.x < heel) o.contact = std::max(o.contact, jump_contact_cost(height_ + e.overlap, f.z - ankle_height));
+    }
+  }
+  /// E_b: how far the stance foot is from where the reference has it, as the law senses it.
+  static double off_balance(int l, const std::array<S, full_sensors>& ds) {
+    return norm(core::Vector3<double>{core::lane_of(ds[9], l), core::lane_of(ds[10], l), core::lane_of(ds[11], l)});
+  }
+
+  const sim::Model* model_;
+  Roles roles_;
+  double height_, tick_;
+  int steps_;
+  const Skill* gait_;
+  sim::Lanes<S> lanes_;
+  Follower<S> follower_;
+  std::vector<Composer> composers_;
+};
+
+}  // namespace traceur::control

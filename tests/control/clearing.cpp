@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: MIT
+#include <traceur/control/clearing.hpp>
+
+#include <doctest/doctest.h>
+
+#include "moving_gait.hpp"
+
+using namespace figures;
+
+namespace {
+
+using S = core::Pack<float, 4>;
+
+/// Swaying on, as a manoeuvre that clears nothing.
+struct Stand : Sway {
+  control::Skill once;
+  control::Manoeuvre m;
+  std::vector<control::RunningState> states;
+
+  Stand() {
+    control::Controller still = c;
+    still.cyclic = false;
+    once = {control::MotionTable(f.model, f.roles, still, {1.0}), {c.shape, 1}, c.limits};
+    m.skill = &once;
+    m.control = once.shape.neutral(c.law);
+    states.push_back({c.start_pose, c.start_velocity});
+    const Eigen::Vector3d center = c.reference.center_of_mass.col(0);
+    states[0].pose[0] -= center.x();
+    states[0].pose[1] -= center.y();
+  }
+  control::ClearingSettings quiet() const {
+    control::ClearingSettings e;
+    e.place = e.velocity = 0;
+    e.steps_after = 1;
+    return e;
+  }
+  auto run(const control::ClearingSettings& e, double height = 0) const {
+    control::ClearingTrials<S> trials(f.model, f.roles, parameters, ground, height, c.tick, c.steps_per_tick, gait);
+    return trials.run(
+        e, 2, [&](int) -> const control::Manoeuvre& { return m; }, [](int l) { return l; }, states, [&](double) { return numbers; });
+  }
+};
+
+}  // namespace
+
+TEST_CASE("who stands behind the edge at the end has cleared it, who stands before it has not") {
+  Stand s;
+  s.m.distance = -0.5;
+  for (const auto& o : s.run(s.quiet())) {
+    if (o.seconds == 0) continue;  // lanes that are not used
+    CHECK(o.survived);
+    CHECK(o.cleared);
+    CHECK(o.seconds == doctest::Approx(1.5));
+    CHECK(o.contact == 0);
+    CHECK(o.balance < 0.1);
+    CHECK(std::abs(o.exit_speed) < 0.3);
+  }
+  s.m.distance = 0.5;
+  CHECK(s.run(s.quiet())[0].survived);
+  CHECK_FALSE(s.run(s.quiet())[0].cleared);
+}
+
+TEST_CASE("soles that pass the edge too low cost what they lack") {
+  Stand s;
+  // Feet right over the edge, of a step that is not there: the trial is told a height that the ground has not.
+  s.m.distance = 0;
+  const double low = s.run(s.quiet(), 0.1)[0].contact, lower = s.run(s.quiet(), 0.2)[0].contact;
+  CHECK(low > 0.05);
+  CHECK(lower - low == doctest::Approx(0.1).epsilon(1e-3));
+}
+
+TEST_CASE("equal starts go equally, others differ, and a fall costs the time lost") {
+  Stand s;
+  s.m.distance = -0.5;
+  control::ClearingSettings e = s.quiet();
+  e.place = 0.1;
+  e.velocity = 0.1;
+  const auto a = s.run(e), b = s.run(e);
+  CHECK(a[0].cost == b[0].cost);
+  CHECK(a[0].cost != a[1].cost);
+  e.stream = 5;
+  CHECK(s.run(e)[0].cost != a[0].cost);
+  s.m.control.segment(s.once.shape.offset(0), 6) << 0, -1.5, 0, 0, -1.5, 0;
+  const auto fallen = s.run(e)[0];
+  CHECK_FALSE(fallen.survived);
+  CHECK(fallen.cost > 5);
+}
+
+TEST_CASE("running states begin with a step on the left foot, over the origin") {
+  const Stand s;
+  control::RunningTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, s.c, s.gait);
+  control::RunningSettings e = Sway::settings();
+  e.cycles = 2;
+  const auto states = control::running_states(trials, s.f.model, s.gait, {}, s.numbers, e, 4);
+  CHECK(states.size() >= 4);
+  for (const control::RunningState& state : states) {
+    const auto m = momentum_of(s.f, state.pose, state.velocity);
+    CHECK(std::abs(m.center_of_mass.x) < 1e-4);
+    CHECK(std::abs(m.center_of_mass.y) < 1e-4);
+  }
+}

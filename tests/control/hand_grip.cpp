@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include <traceur/control/hand_grip.hpp>
+
+#include <doctest/doctest.h>
+
+#include "support.hpp"
+
+using namespace figures;
+using S = core::Pack<float, 4>;
+
+TEST_CASE("hands are the ends of the arms") {
+  const Figure& f = humanoid();
+  const auto hands = control::find_hands(f.model);
+  const Eigen::VectorXd q = f.skeleton().neutral_pose();
+  body::Frames<double> frames(f.skeleton());
+  body::forward_kinematics(f.skeleton(), q.data(), frames);
+  const Vector right = frames.point(hands[0].joint, hands[0].point), left = frames.point(hands[1].joint, hands[1].point);
+  CHECK(right.y == doctest::Approx(-left.y));
+  CHECK(right.y < -0.15);
+  CHECK(right.z == doctest::Approx(left.z));
+  // Farther from the shoulder than the elbow is.
+  CHECK(apart(right, place_of(f, q, "right_shoulder")) > apart(place_of(f, q, "right_elbow"), place_of(f, q, "right_shoulder")) + 0.1);
+}
+
+TEST_CASE("a hand takes hold where it first touches, keeps its place, and lets go for good once the body has passed") {
+  const Figure& f = humanoid();
+  const auto hands = control::find_hands(f.model);
+  sim::Extras extras;
+  extras.grips = {hands[0]};
+  const sim::Parameters parameters;
+  // A wall to the right, 5 mm closer than the hand is wide, and no weight.
+  const Eigen::VectorXd q = f.skeleton().neutral_pose(), v = at_rest(f);
+  body::Frames<double> frames(f.skeleton());
+  body::forward_kinematics(f.skeleton(), q.data(), frames);
+  const auto wall = sim::Ground<float>::plane({0, 1, 0}, frames.point(hands[0].joint, hands[0].point).y - 0.035);
+  sim::Lanes<S> lanes(f.model, parameters, wall, extras);
+  const int body = f.model.moving_of_joint[static_cast<std::size_t>(hands[0].joint)];
+  control::HandGrip grip(0, body);
+
+  // Away from the wall nothing is touched.
+  Eigen::VectorXd away = q;
+  away[1] += 1;
+  for (int l = 0; l < 4; ++l) {
+    lanes.set_gravity(l, 0);
+    put(lanes, l, away, v);
+  }
+  lanes.refresh();
+  lanes.step(8);
+  CHECK_FALSE(grip.update(lanes, 0, {1, 0, 0}));
+  CHECK_FALSE(grip.holds());
+
+  for (int l = 0; l < 4; ++l) put(lanes, l, q, v);
+  lanes.refresh();
+  lanes.step(1);
+  // The body's middle is on one side of the hand: behind it for who travels to the other.
+  const auto hand = lanes.grip_place(0);
+  const double side = core::lane_of(lanes.work().center_of_mass.x, 0) > core::lane_of(hand.x, 0) ? -1 : 1;
+  const Vector towards{side, 0, 0};
+  REQUIRE(grip.update(lanes, 0, towards));
+  const Vector anchor = grip.anchor();
+  for (int t = 0; t < 12; ++t) {
+    lanes.step(8);
+    CHECK(grip.update(lanes, 0, towards));
+  }
+  const auto now = lanes.grip_place(0);
+  CHECK(apart(anchor, Vector{core::lane_of(now.x, 0), core::lane_of(now.y, 0), core::lane_of(now.z, 0)}) < 0.01);
+  CHECK(lanes.holds(0, 0));
+  CHECK_FALSE(lanes.holds(1, 0));
+  // Seen the other way the centre of mass has passed.
+  CHECK_FALSE(grip.update(lanes, 0, -1.0 * towards));
+  CHECK(grip.done());
+  CHECK_FALSE(lanes.holds(0, 0));
+  lanes.step(8);
+  CHECK_FALSE(grip.update(lanes, 0, towards));
+  grip.restart();
+  CHECK_FALSE(grip.done());
+}
