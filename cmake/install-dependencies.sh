@@ -5,7 +5,7 @@ set -eu
 
 required="g++ cmake ninja-build libeigen3-dev doctest-dev libpugixml-dev nlohmann-json3-dev libcli11-dev"
 # What rests on one of these is left out of the build where the system does not offer it.
-optional="libceres-dev libnlopt-dev libbenchmark-dev libmujoco-dev libbullet-dev libode-dev libdart-dev"
+optional="libceres-dev libnlopt-dev libbenchmark-dev libmujoco-dev libbullet-dev libode-dev libdart-dev libopenmpi-dev openmpi-bin"
 
 if ! command -v apt-get >/dev/null || ! command -v dpkg-query >/dev/null; then
   cat >&2 <<'END'

@@ -6,8 +6,8 @@
 
 #include "../common/command_line.hpp"
 #include "../common/results.hpp"
+#include "../common/simulators.hpp"
 #include "job_folder.hpp"
-#include "simulators.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
 
@@ -142,7 +142,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");
   if (o.report.empty()) o.report = o.out / "report.json";
   if (o.clip.empty() && o.controller.empty()) throw traceur::Error("expected a CLIP (--help lists the options)");
-  find_simulator(o.simulator);
+  example::find_simulator(o.simulator);
   if (o.dt_hz % 60 != 0) throw traceur::Error("--dt-hz: expected a multiple of 60, got " + std::to_string(o.dt_hz));
   return o;
 }

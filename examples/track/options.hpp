@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -17,6 +18,10 @@ struct Options {
   std::filesystem::path play;       ///< a policy to test and show instead of learning one
   std::filesystem::path out;        ///< folder of all results
   std::filesystem::path report;     ///< JSON; by default report.json in `out`
+  std::string task = "track";       ///< or speed: move as fast as asked, in the clips' style
+  std::string reward = "deepmimic"; ///< of tracking; or parc, hil
+  double slowest = 1, fastest = 4;  ///< m/s, of the speed task
+  std::string simulator = "bundled";  ///< or another engine's name
   double samples = 0;               ///< to learn from
   double minutes = 0;               ///< wall time after which learning stops early; 0: none
   std::uint64_t seed = 1;

@@ -2,14 +2,17 @@
 #include "trainer.hpp"
 
 #include <cstdio>
+#include <fstream>
+#include <sstream>
 
 #include "../common/progress.hpp"
 #include "../common/retargeting.hpp"
+#include "timing.hpp"
 #include "traceur/io/load_clip.hpp"
 #include "traceur/io/mjcf.hpp"
 #include "traceur/io/policy_file.hpp"
 #include "traceur/io/ppo_file.hpp"
-#include "traceur/learn/ppo.hpp"
+#include "traceur/learn/shared_environments.hpp"
 
 namespace track {
 
@@ -23,30 +26,27 @@ namespace {
 constexpr int environments = 256, updates_in_block = 50, tests = 48;
 constexpr std::uint64_t test_seed = 7;
 
-sim::Extras extras_of(const sim::Model& model) {
-  sim::Extras out;
-  out.self_collisions = sim::self_collision_pairs(model);
-  return out;
+learn::TrackingRewardParameters reward_for(const std::string& name) {
+  if (name == "parc") return learn::ParcRewardParameters{};
+  if (name == "hil") return learn::HilReward{};
+  return learn::DeepMimicRewardParameters{};
 }
 
-learn::TrackingSettings settings_for(TrackingStart start) {
+learn::TrackingSettings settings_for(TrackingStart start, const Options& options) {
   learn::TrackingSettings s;
   s.start = start;
+  s.reward = reward_for(options.reward);
   s.spread_ages = start == TrackingStart::anywhere;
   return s;
 }
 
-learn::Ppo<float> make_ppo(const Environments& e, std::uint64_t seed) {
+learn::Ppo<float> make_ppo(const learn::SharedEnvironments<Environments>& e, std::uint64_t seed) {
   learn::PpoParameters p;
   p.seed = seed;
   p.reward_scale = 1 - p.gamma;
   p.divergence_target = 0.03;
   return {nn::Mlp<>({e.observations(), 256, 128, e.actions()}), nn::Mlp<>({e.observations(), 256, 128, 1}),
           nn::GaussianHead(e.actions(), 1.0), e.environments(), p};
-}
-
-learn::Policy<float> policy_of(const learn::Ppo<float>& ppo) {
-  return {ppo.policy(), ppo.policy_parameters().head(ppo.policy().parameters()), ppo.normalizer()};
 }
 
 double mean_return(const std::vector<Evaluation>& by_motion) {
@@ -69,10 +69,10 @@ void save(const Options& o, const Checkpoint& c) {
   io::add_ppo_state(file, c.ppo);
   io::add_policy(file, c.best, "best.");
   file.add<double>("priorities", {c.priorities.size()}, c.priorities);
-  std::vector<double> milestones{c.training.best_return, c.training.wall_s};
+  std::vector<double> milestones{c.training.best_return};
   for (const Milestone& m : c.training.milestones)
-    milestones.insert(milestones.end(), {m.samples, m.wall_s, m.normalized_return, m.episode_s, m.divergence,
-                                         m.explained_variance, m.policy_rate});
+    milestones.insert(milestones.end(),
+                      {m.samples, m.normalized_return, m.episode_s, m.divergence, m.explained_variance, m.policy_rate});
   file.add<double>("milestones", {milestones.size()}, milestones);
   Json warnings = c.training.warnings;
   file.metadata = {{"arguments", job_arguments(o).dump()}, {"warnings", warnings.dump()}};
@@ -84,27 +84,17 @@ Checkpoint load(const Options& o) {
   const io::Safetensors file = io::read_safetensors(o.out / "checkpoint.safetensors");
   Checkpoint c{io::get_ppo_state(file), io::get_policy(file, "best."), {}, file.values<double>("priorities")};
   const std::vector<double> m = file.values<double>("milestones");
-  if (m.size() < 2 || m.size() % 7 != 2) throw Error(file.where() + ": tensor 'milestones': expected 2 + 7 n numbers");
+  if (m.size() % 6 != 1) throw Error(file.where() + ": tensor 'milestones': expected 1 + 6 n numbers");
   c.training.best_return = m[0];
-  c.training.wall_s = m[1];
-  for (std::size_t i = 2; i < m.size(); i += 7)
-    c.training.milestones.push_back({m[i], m[i + 1], m[i + 2], m[i + 3], m[i + 4], m[i + 5], m[i + 6]});
-  const auto warnings = file.metadata.find("warnings");
-  const Json json = warnings == file.metadata.end() ? Json() : Json::parse(warnings->second, nullptr, false);
-  if (json.is_array())
-    for (const Json& w : json)
-      if (w.is_string()) c.training.warnings.push_back(w.get<std::string>());
+  for (std::size_t i = 1; i < m.size(); i += 6)
+    c.training.milestones.push_back({m[i], m[i + 1], m[i + 2], m[i + 3], m[i + 4], m[i + 5]});
+  c.training.warnings = saved_warnings(file);
   return c;
 }
 
 /// Says what looks wrong, once each.
 void look_for_trouble(Training& t, double share, double target) {
-  const auto warn = [&](const char* text) {
-    for (const std::string& w : t.warnings)
-      if (w == text) return;
-    t.warnings.emplace_back(text);
-    std::printf("warning: %s\n", text);
-  };
+  const auto warn = [&](const char* text) { warn_once(t.warnings, text); };
   const Milestone& m = t.milestones.back();
   if (m.divergence > 10 * target)
     warn("the policy changes ten times faster than it should (divergence): look for a reward or an observation that explodes");
@@ -119,9 +109,39 @@ void look_for_trouble(Training& t, double share, double target) {
 
 }  // namespace
 
+sim::Extras extras_of(const sim::Model& model) {
+  sim::Extras out;
+  out.self_collisions = sim::self_collision_pairs(model);
+  return out;
+}
+
+learn::Policy<float> policy_of(const learn::Ppo<float>& ppo) {
+  return {ppo.policy(), ppo.policy_parameters().head(ppo.policy().parameters()), ppo.normalizer()};
+}
+
+void warn_once(std::vector<std::string>& warnings, const char* text) {
+  for (const std::string& w : warnings)
+    if (w == text) return;
+  warnings.emplace_back(text);
+  std::printf("warning: %s\n", text);
+}
+
+std::vector<std::string> saved_warnings(const io::Safetensors& file) {
+  std::vector<std::string> out;
+  const auto found = file.metadata.find("warnings");
+  const Json json = found == file.metadata.end() ? Json() : Json::parse(found->second, nullptr, false);
+  if (json.is_array())
+    for (const Json& w : json)
+      if (w.is_string()) out.push_back(w.get<std::string>());
+  return out;
+}
+
 Scene load_scene(const Options& options) {
   Scene s;
   s.model = sim::make_model(io::read_mjcf(options.character));
+  std::ostringstream text;
+  text << std::ifstream(options.character, std::ios::binary).rdbuf();
+  s.character_text = text.str();
   s.roles = control::find_roles(s.model);
   for (const fs::path& path : options.clips) {
     const io::LoadedClip loaded = io::load_clip(path, {});
@@ -135,14 +155,28 @@ Scene load_scene(const Options& options) {
   return s;
 }
 
-Training train(const Scene& scene, const Options& options) {
-  core::ThreadExecutor executor(options.threads);
+int share_of(int all, const learn::ProcessGroup& processes) {
+  const int unit = core::lane_count<Lane>;
+  if (all % (processes.size() * unit) != 0)
+    throw Error(std::to_string(all) + " environments in packs of " + std::to_string(unit) + " cannot be shared out evenly over " +
+                std::to_string(processes.size()) + " processes");
+  return all / processes.size();
+}
+
+Training train(const Scene& scene, const Options& options, learn::ProcessGroup& processes) {
+  core::ThreadExecutor threads(options.threads);
+  Executor executor(processes, threads);
   const sim::Ground<float> ground;
   const sim::Extras extras = extras_of(scene.model);
-  Environments envs(scene.model, scene.roles, scene.motions, environments, settings_for(TrackingStart::anywhere), ground,
-                    extras, executor);
-  Environments judge(scene.model, scene.roles, scene.motions, tests, settings_for(TrackingStart::spread), ground, extras, executor);
-  learn::Ppo<float> ppo = make_ppo(envs, options.seed);
+  learn::TrackingSettings settings = settings_for(TrackingStart::anywhere, options);
+  const int share = share_of(environments, processes);
+  settings.first_environment = processes.rank() * share;
+  settings.all_environments = environments;
+  Environments envs(scene.model, scene.roles, scene.motions, share, settings, ground, extras, threads);
+  Environments judge(scene.model, scene.roles, scene.motions, tests, settings_for(TrackingStart::spread, options), ground, extras, threads);
+  for (Environments* e : {&envs, &judge}) use_simulator(*e, scene, options);
+  learn::SharedEnvironments<Environments> shared(envs, processes);
+  learn::Ppo<float> ppo = make_ppo(shared, options.seed);
   const auto failure_rates = envs.priorities().state();
   Checkpoint c{ppo.state(), policy_of(ppo), {}, {failure_rates.begin(), failure_rates.end()}};
   if (options.resume) {
@@ -152,19 +186,19 @@ Training train(const Scene& scene, const Options& options) {
     std::printf("goes on after %.2f million samples\n", static_cast<double>(c.ppo.ticks) * environments / 1e6);
   }
   Training& t = c.training;
-  const example::Clock clock;
-  const double wall_before = t.wall_s;
+  Timing timing(options.out, options.resume);
   const auto samples = [&] { return static_cast<double>(ppo.samples()); };
   ppo.restore(c.ppo);
-  if (!options.resume) save(options, c);
+  const bool first = processes.rank() == 0;
+  if (!options.resume && first) save(options, c);
   example::ProgressLine line("learning, thousand samples", static_cast<int>(samples() / 1e3), static_cast<int>(options.samples / 1e3));
-  while (samples() < options.samples && !(options.minutes > 0 && wall_before + clock.seconds() > 60 * options.minutes)) {
+  while (samples() < options.samples && !(options.minutes > 0 && learn::agreed(processes, timing.seconds()) > 60 * options.minutes)) {
     ppo.restore(c.ppo);
     Milestone m;
     double steps = 0;
     int ended = 0;
     for (int k = 0; k < updates_in_block && samples() < options.samples; ++k) {
-      const learn::PpoReport r = ppo.iterate(envs, executor);
+      const learn::PpoReport r = ppo.iterate(shared, executor);
       // Steps grow small towards the end, where the policy of the last update is otherwise no better than its neighbours.
       const double left = std::max(0.0, 1 - samples() / options.samples);
       ppo.set_policy_rate(std::min(ppo.policy_rate(), ppo.parameters().most_policy_rate * std::clamp(left / 0.3, 0.02, 1.0)));
@@ -176,13 +210,12 @@ Training train(const Scene& scene, const Options& options) {
       char text[96];
       std::snprintf(text, sizeof text, "reward %.3f a step, best return %.3f", r.reward, t.best_return);
       line.tell(static_cast<int>(samples() / 1e3), text);
-      if (example::interruption_asked()) throw example::Interrupted{};
+      if (learn::agreed(processes, example::interruption_asked())) throw example::Interrupted{};
     }
     learn::Policy<float> policy = policy_of(ppo);
     const auto act = [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); };
     m.normalized_return = mean_return(learn::evaluate_tracking(judge, test_seed, act));
     m.samples = samples();
-    m.wall_s = t.wall_s = wall_before + clock.seconds();
     m.episode_s = ended > 0 ? steps / ended / envs.settings().control_hz : 0;
     t.samples = m.samples;
     t.milestones.push_back(m);
@@ -193,9 +226,12 @@ Training train(const Scene& scene, const Options& options) {
     look_for_trouble(t, m.samples / options.samples, ppo.parameters().divergence_target);
     c.ppo = ppo.state();
     c.priorities.assign(failure_rates.begin(), failure_rates.end());
+    if (!first) continue;
     save(options, c);
+    timing.note(m.samples);
   }
   t.samples = samples();
+  t.wall_s = timing.seconds();
   return t;
 }
 
@@ -204,52 +240,74 @@ std::vector<Evaluation> test(const Scene& scene, const Options& options, learn::
   // A whole number of packs and of motions, and no fewer than asked for.
   const int unit = core::lane_count<Lane> * static_cast<int>(scene.motions.size());
   const int lanes = (count * static_cast<int>(scene.motions.size()) + unit - 1) / unit * unit;
-  Environments envs(scene.model, scene.roles, scene.motions, lanes, settings_for(start), sim::Ground<float>(), extras_of(scene.model), executor);
+  Environments envs(scene.model, scene.roles, scene.motions, lanes, settings_for(start, options), sim::Ground<float>(), extras_of(scene.model), executor);
+  use_simulator(envs, scene, options);
   return learn::evaluate_tracking(envs, test_seed + 1, [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); });
 }
 
-Recording record(const Scene& scene, learn::Policy<float>& policy, int motion) {
+Recorder::Recorder(const Scene& scene, double tick) : scene_(&scene) { out_.tick = tick; }
+
+void Recorder::add(const sim::Lanes<Lane>& lanes) {
+  const sim::Model& model = scene_->model;
+  Eigen::VectorXd q(model.nq);
+  for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
+  body::normalize(model.character.skeleton, q.data());
+  poses_.push_back(q);
+  body::Frames<double> frames(model.character.skeleton);
+  body::forward_kinematics(model.character.skeleton, q.data(), frames);
+  std::vector<Recording::Contact> contacts;
+  for (std::size_t b = 0; b < model.bodies.size(); ++b) {
+    const auto& f = lanes.body_force()[b];
+    const core::Vector3<double> force{core::lane_of(f.x, 0), core::lane_of(f.y, 0), core::lane_of(f.z, 0)};
+    if (norm(force) < 1 || model.bodies[b].contacts == 0) continue;
+    // The force acts on the body as a whole; it is shown at its lowest point.
+    core::Vector3<double> lowest{0, 0, 1e9};
+    for (int i = 0; i < model.bodies[b].contacts; ++i) {
+      const sim::ContactSphere& s = model.contacts[static_cast<std::size_t>(model.bodies[b].first_contact + i)];
+      const core::Vector3<double> at = frames.point(model.bodies[b].joint, s.center) - core::Vector3<double>{0, 0, s.radius};
+      if (at.z < lowest.z) lowest = at;
+    }
+    contacts.push_back({lowest, force});
+  }
+  out_.contacts.push_back(contacts);
+}
+
+void Recorder::add_reference(const learn::ReferenceMotion& motion, int tick, std::array<float, 2> shift) {
+  Eigen::VectorXd r = motion.poses.col(tick).cast<double>();
+  r[0] += shift[0];
+  r[1] += shift[1];
+  body::normalize(scene_->model.character.skeleton, r.data());
+  references_.push_back(r);
+}
+
+Recording Recorder::finish() {
+  const auto columns = [&](const std::vector<Eigen::VectorXd>& from) {
+    Eigen::MatrixXd out(scene_->model.nq, static_cast<Eigen::Index>(from.size()));
+    for (std::size_t k = 0; k < from.size(); ++k) out.col(static_cast<Eigen::Index>(k)) = from[k];
+    return out;
+  };
+  out_.poses = columns(poses_);
+  out_.references = columns(references_);
+  return out_;
+}
+
+Recording record(const Scene& scene, const Options& options, learn::Policy<float>& policy, int motion) {
   constexpr double shown_s = 12;
   core::ThreadExecutor executor(1);
   Environments envs(scene.model, scene.roles, {scene.motions[static_cast<std::size_t>(motion)]}, core::lane_count<Lane>,
-                    settings_for(TrackingStart::begin), sim::Ground<float>(), extras_of(scene.model), executor);
-  const sim::Model& model = scene.model;
+                    settings_for(TrackingStart::begin, options), sim::Ground<float>(), extras_of(scene.model), executor);
+  use_simulator(envs, scene, options);
   const learn::ReferenceMotion& m = envs.motions()[0];
-  Recording out;
-  out.tick = m.tick;
+  Recorder recorder(scene, m.tick);
   Eigen::MatrixXf observation(envs.observations(), envs.environments()), action(envs.actions(), envs.environments());
   learn::StepResult<float> result(envs.environments());
-  std::vector<Eigen::VectorXd> poses, references;
   envs.reset(test_seed);
   const auto look = [&] {
-    const sim::Lanes<Lane>& lanes = envs.lanes(0);
-    Eigen::VectorXd q(model.nq), r = m.poses.col(envs.tick(0)).cast<double>();
-    for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
-    r[0] += envs.shift(0)[0];
-    r[1] += envs.shift(0)[1];
-    for (Eigen::VectorXd* x : {&q, &r}) body::normalize(model.character.skeleton, x->data());
-    poses.push_back(q);
-    references.push_back(r);
-    body::Frames<double> frames(model.character.skeleton);
-    body::forward_kinematics(model.character.skeleton, q.data(), frames);
-    std::vector<Recording::Contact> contacts;
-    for (std::size_t b = 0; b < model.bodies.size(); ++b) {
-      const auto& f = lanes.body_force()[b];
-      const core::Vector3<double> force{core::lane_of(f.x, 0), core::lane_of(f.y, 0), core::lane_of(f.z, 0)};
-      if (norm(force) < 1 || model.bodies[b].contacts == 0) continue;
-      // The force acts on the body as a whole; it is shown at its lowest point.
-      core::Vector3<double> lowest{0, 0, 1e9};
-      for (int i = 0; i < model.bodies[b].contacts; ++i) {
-        const sim::ContactSphere& s = model.contacts[static_cast<std::size_t>(model.bodies[b].first_contact + i)];
-        const core::Vector3<double> at = frames.point(model.bodies[b].joint, s.center) - core::Vector3<double>{0, 0, s.radius};
-        if (at.z < lowest.z) lowest = at;
-      }
-      contacts.push_back({lowest, force});
-    }
-    out.contacts.push_back(contacts);
+    recorder.add(envs.lanes(0));
+    recorder.add_reference(m, envs.tick(0), envs.shift(0));
   };
   look();
-  for (int k = 0; k * out.tick < shown_s; ++k) {
+  for (int k = 0; k * m.tick < shown_s; ++k) {
     envs.observe(observation);
     policy.act(observation, action);
     result.clear();
@@ -257,13 +315,7 @@ Recording record(const Scene& scene, learn::Policy<float>& policy, int motion) {
     look();
     if (envs.ending(0) != learn::TrackingEnd::running) break;
   }
-  out.poses.resize(model.nq, static_cast<Eigen::Index>(poses.size()));
-  out.references = out.poses;
-  for (std::size_t k = 0; k < poses.size(); ++k) {
-    out.poses.col(static_cast<Eigen::Index>(k)) = poses[k];
-    out.references.col(static_cast<Eigen::Index>(k)) = references[k];
-  }
-  return out;
+  return recorder.finish();
 }
 
 }  // namespace track

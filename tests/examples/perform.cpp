@@ -50,28 +50,28 @@ struct EngineName {
 };
 constexpr EngineName engines[] = {
     {"mujoco", "libmujoco-dev",
-#ifdef PERFORM_WITH_MUJOCO
+#ifdef EXAMPLES_WITH_MUJOCO
      true
 #else
      false
 #endif
     },
     {"dart", "libdart-dev",
-#ifdef PERFORM_WITH_DART
+#ifdef EXAMPLES_WITH_DART
      true
 #else
      false
 #endif
     },
     {"ode", "libode-dev",
-#ifdef PERFORM_WITH_ODE
+#ifdef EXAMPLES_WITH_ODE
      true
 #else
      false
 #endif
     },
     {"bullet", "libbullet-dev",
-#ifdef PERFORM_WITH_BULLET
+#ifdef EXAMPLES_WITH_BULLET
      true
 #else
      false

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
 // The code of docs/learn.md.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <vector>
 
 #include <doctest/doctest.h>
 
+#include <traceur/learn/adversarial_imitation.hpp>
 #include <traceur/learn/episodes.hpp>
 #include <traceur/learn/initial_state.hpp>
 #include <traceur/learn/parc_reward.hpp>
@@ -43,6 +45,34 @@ struct Thermostat {  // keeps 20 degrees in rooms that leak heat
   }
 };
 static_assert(learn::Environments<Thermostat, float>);
+
+struct Pacer {  // moves along a line; its style is its last two speeds
+  Eigen::VectorXf place;
+  Eigen::MatrixXf speeds;
+
+  explicit Pacer(Eigen::Index n) : place(n), speeds(2, n) { reset(0); }
+  Eigen::Index environments() const { return place.size(); }
+  Eigen::Index observations() const { return 1; }
+  Eigen::Index actions() const { return 1; }
+  Eigen::Index style_features() const { return 2; }
+  void reset(std::uint64_t) {
+    place.setZero();
+    speeds.setZero();
+  }
+  void restart(Eigen::Index e) noexcept { place[e] = 0; }
+  void observe(learn::Columns<float> out) const { out = 0.01f * place.transpose(); }
+  void observe_style(learn::Columns<float> out) const { out = speeds; }
+  void step(learn::ConstColumns<float> actions, learn::StepResult<float>&) {
+    speeds.row(0) = speeds.row(1);
+    speeds.row(1) = actions;
+    place += 0.1f * actions.row(0).transpose();
+  }
+};
+struct Strollers {  // the data: people at about half a metre a second
+  std::array<float, 2> sample(core::RandomStream& random) const {
+    return {random.normal<float>(0.5f, 0.2f), random.normal<float>(0.5f, 0.2f)};
+  }
+};
 
 }  // namespace
 
@@ -120,4 +150,25 @@ TEST_CASE("docs/learn.md: starts, endings, rewards") {
   CHECK_FALSE(over);
   CHECK(next >= 0);
   CHECK(q.norm() > 0);
+}
+
+TEST_CASE("docs/learn.md: adversarial imitation") {
+  learn::PpoParameters p;
+  p.gamma = 0.5;
+  p.minibatch = 128;
+  p.policy_rate = 3e-3;
+  Pacer pacers(32);
+  learn::Ppo<> ppo(nn::Mlp<>({1, 16, 1}), nn::Mlp<>({1, 16, 1}), nn::GaussianHead(1, 0.2), 32, p);
+  learn::AdversarialParameters a;
+  a.minibatch = 64;
+  a.rate = 3e-3;
+  learn::AdversarialImitation<> imitation(learn::Discriminator<>(nn::Mlp<>({2, 16, 1})), 32 * p.steps, a);
+  core::SerialExecutor serial;
+  learn::AdversarialReport report;
+  for (int k = 0; k < 60; ++k) report = imitation.iterate(ppo, pacers, Strollers{}, serial);
+  // report.real_accuracy and report.fake_accuracy: how well the two are still told apart
+  Eigen::MatrixXf seen = Eigen::MatrixXf::Zero(1, 1), action(1, 1);
+  ppo.mean_action(seen, action);
+  CHECK(action(0, 0) == doctest::Approx(0.5).epsilon(0.4));
+  CHECK(report.real_accuracy + report.fake_accuracy < 1.7);
 }

@@ -642,6 +642,7 @@ class Ppo {
       if (parameters_.bound_penalty > 0) chunk.tally.penalty += penalize(mean, dmean, share);
       policy_.template backward<S>(policy_theta_.data(), seen, dmean, chunk.policy, to, nn::no_gradient<S>());
     });
+    share_tallies(executor);
     for (const Chunk& chunk : chunks_) {
       tally.surrogate += chunk.tally.surrogate;
       tally.penalty += chunk.tally.penalty;
@@ -682,7 +683,16 @@ class Ppo {
       }
       value_.template backward<S>(value_theta_.data(), seen, estimate, chunk.value, to, nn::no_gradient<S>());
     });
+    share_tallies(executor);
     for (const Chunk& chunk : chunks_) tally.value_loss += chunk.tally.value_loss;
+  }
+
+  /// What processes counted of their chunks, told to all of them.
+  template <class X>
+  void share_tallies(X& executor) {
+    if constexpr (nn::SharingExecutor<X>)
+      executor.share(static_cast<int>(chunks_.size()), [](int) {},
+                     [&](int c) { return std::as_writable_bytes(std::span(&chunks_[static_cast<std::size_t>(c)].tally, 1)); });
   }
 
   struct Finished {

@@ -13,6 +13,7 @@
 #include "traceur/control/roles.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/motion/align.hpp"
+#include "traceur/motion/contact_labels.hpp"
 #include "traceur/motion/loop.hpp"
 
 namespace traceur::learn {
@@ -30,6 +31,7 @@ struct ReferenceMotion {
   bool trunk_touches = false;   ///< whether trunk or head come near the ground in the motion itself
   Eigen::MatrixXf poses;       ///< nq x (ticks + 1)
   Eigen::MatrixXf velocities;  ///< nv x (ticks + 1)
+  Eigen::MatrixXf contacts;    ///< labels in [0, 1], moving bodies x (ticks + 1)
 };
 
 namespace detail {
@@ -52,6 +54,24 @@ inline double lowest_of_trunk(const sim::Model& model, const std::vector<int>& t
   return lowest;
 }
 
+/// Contact labels of the moving bodies on every tick: the clip's own, or else found from its motion.
+inline Eigen::MatrixXd contact_labels(const sim::Model& model, const motion::Clip& clip, int ticks, double interval) {
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(model.bodies.size()), ticks + 1);
+  motion::Clip labelled = clip;
+  if (clip.contacts.cols() == 0) {
+    const std::vector<motion::ContactPoint> points = motion::contact_points(model.character);
+    if (points.empty()) return out;
+    labelled = motion::label_contacts(clip, points);
+  }
+  Eigen::VectorXd joints(clip.skeleton.size());
+  for (int t = 0; t <= ticks; ++t) {
+    labelled.sample_contacts(std::min(t * interval, clip.duration()), joints);
+    for (int j = 0; j < clip.skeleton.size(); ++j)
+      if (const int b = model.moving_of_joint[static_cast<std::size_t>(j)]; b >= 0) out(b, t) = std::max(out(b, t), joints[j]);
+  }
+  return out;
+}
+
 }  // namespace detail
 
 /// Trunk and head: the bodies that a fall puts on the ground.
@@ -61,6 +81,18 @@ inline std::vector<int> trunk_bodies(const control::Roles& roles) {
   out.insert(out.end(), roles.head.begin(), roles.head.end());
   std::sort(out.begin(), out.end());
   out.erase(std::unique(out.begin(), out.end()), out.end());
+  return out;
+}
+
+/// What hands and feet are to a skeleton: where its chains below the root end, the head left out.
+inline std::vector<int> end_effectors(const sim::Model& model, const control::Roles& roles) {
+  const body::Skeleton& skeleton = model.character.skeleton;
+  std::vector<bool> leaf(static_cast<std::size_t>(skeleton.size()), true);
+  for (int i = 1; i < skeleton.size(); ++i) leaf[static_cast<std::size_t>(skeleton[i].parent)] = false;
+  for (const int h : roles.head) leaf[static_cast<std::size_t>(model.bodies[static_cast<std::size_t>(h)].joint)] = false;
+  std::vector<int> out;
+  for (int i = 1; i < skeleton.size(); ++i)
+    if (leaf[static_cast<std::size_t>(i)]) out.push_back(i);
   return out;
 }
 
@@ -101,6 +133,7 @@ inline ReferenceMotion make_reference_motion(const sim::Model& model, const cont
     out.carry[0] = out.poses(0, out.ticks) - out.poses(0, 0);
     out.carry[1] = out.poses(1, out.ticks) - out.poses(1, 0);
   }
+  out.contacts = detail::contact_labels(model, straight, out.ticks, interval).cast<float>();
   out.trunk_touches = detail::lowest_of_trunk(model, trunk_bodies(roles), poses) < 0.05;
   return out;
 }

@@ -12,15 +12,13 @@
 #include <utility>
 #include <vector>
 
-#include "traceur/control/engine.hpp"
 #include "traceur/core/executor.hpp"
 #include "traceur/core/random.hpp"
-#include "traceur/learn/deepmimic_reward.hpp"
 #include "traceur/learn/environment.hpp"
+#include "traceur/learn/lane_group.hpp"
 #include "traceur/learn/prioritized_clips.hpp"
 #include "traceur/learn/reference_motion.hpp"
-#include "traceur/learn/tracking_error.hpp"
-#include "traceur/sim/lanes.hpp"
+#include "traceur/learn/tracking_reward.hpp"
 
 namespace traceur::learn {
 
@@ -46,11 +44,13 @@ struct TrackingSettings {
   double action_scale = 0.1;  ///< rad that an action of 1 turns a joint's target away from the reference
   double action_limit = 15;   ///< actions are limited to this size
   double episode_s = 20;      ///< of cyclic motions; others last as long as they do
-  DeepMimicRewardParameters reward;
+  TrackingRewardParameters reward;  ///< DeepMimic's by default
   bool meet_again = true;     ///< whether the reference is put back over the root, horizontally, after each cycle
   TrackingStart start = TrackingStart::anywhere;
   bool spread_ages = false;   ///< whether the first episodes end at different times, so that later ones do not end together
   TrackingEndings endings;
+  std::int64_t first_environment = 0;  ///< which of all environments the first is, where a task is shared out
+  std::int64_t all_environments = 0;   ///< of the whole task; 0: these are all
   sim::Parameters simulation;  ///< its dt is replaced by 1 / (control_hz x steps_per_control)
 };
 
@@ -87,8 +87,7 @@ class Tracking {
         ground_(ground),
         executor_(&executor),
         priorities_(std::max(1, static_cast<int>(motions_.size()))),
-        reward_(model.character.skeleton, joint_weights(model.character.skeleton, deepmimic_joint_weights),
-                end_effectors(model, roles), settings.reward) {
+        reward_(model.character.skeleton, end_effectors(model, roles), settings.reward) {
     if (motions_.empty()) throw Error("tracking: expected a motion");
     if (environments < 1 || environments % width != 0)
       throw Error("tracking: expected a positive multiple of " + std::to_string(width) + " environments, got " +
@@ -100,7 +99,8 @@ class Tracking {
     settings_.simulation.dt = 1 / (settings_.control_hz * settings_.steps_per_control);
     const auto groups = static_cast<std::size_t>(environments / width);
     groups_.reserve(groups);
-    for (std::size_t g = 0; g < groups; ++g) groups_.emplace_back(model, settings_.simulation, ground_, extras, observations());
+    for (std::size_t g = 0; g < groups; ++g)
+      groups_.push_back(std::make_unique<Group>(model, settings_.simulation, ground_, extras, observations()));
     reset(0);
   }
 
@@ -131,14 +131,22 @@ class Tracking {
   /// Which motions fail, and so are begun more often. All there is to save beside the policy.
   PrioritizedClips& priorities() { return priorities_; }
 
+  /// What the others of a task that is shared out must know of an episode's end: which motion, and whether it failed; -1
+  /// while it goes on. `witness` takes it in, in the place of a `restart` that happens elsewhere.
+  std::int32_t outcome(Eigen::Index environment) const noexcept {
+    const Seat& s = place(environment);
+    return s.ending == TrackingEnd::running ? -1 : 2 * s.motion + (s.ending != TrackingEnd::completed ? 1 : 0);
+  }
+  void witness(std::int32_t outcome) noexcept {
+    if (outcome >= 0) priorities_.record(outcome / 2, outcome % 2 != 0);
+  }
+
   /// Lets engines move the lanes, one for each `group_width()` environments; none: the bundled dynamics. Takes effect with
   /// the next `reset`. Throws Error when there are too few, or one is for another character.
   void use(std::vector<std::shared_ptr<control::Engine<S>>> engines) {
-    if (!engines.empty() && engines.size() < groups_.size()) throw Error("tracking: expected an engine for each group of lanes");
-    for (std::size_t g = 0; g < groups_.size(); ++g) {
-      groups_[g].engine = engines.empty() ? nullptr : engines[g];
-      if (groups_[g].engine && !groups_[g].engine->fits(*model_)) throw Error("tracking: the engine holds another character");
-    }
+    std::vector<LaneGroup<S>*> groups;
+    for (const auto& g : groups_) groups.push_back(g.get());
+    use_engines<S>("tracking", groups, engines);
   }
   static constexpr int group_width() { return width; }
 
@@ -149,27 +157,21 @@ class Tracking {
       s = Seat{};
       restart(e);
       if (!settings_.spread_ages) continue;
-      core::RandomStream random(seed_, static_cast<std::uint64_t>(e), age_step);
+      core::RandomStream random(seed_, stream_of(e), age_step);
       s.left = 1 + static_cast<int>(random.uniform() * (s.left - 1));
     }
   }
 
   void observe(Columns<float> out) const noexcept {
-    for (std::size_t g = 0; g < groups_.size(); ++g) out.middleCols(static_cast<Eigen::Index>(g) * width, width) = groups_[g].seen;
+    for (std::size_t g = 0; g < groups_.size(); ++g) out.middleCols(static_cast<Eigen::Index>(g) * width, width) = groups_[g]->seen;
   }
 
   void step(ConstColumns<float> actions, StepResult<float>& result) noexcept {
     executor_->run(static_cast<int>(groups_.size()), [&](int g) {
-      Group& of = groups_[static_cast<std::size_t>(g)];
+      Group& of = *groups_[static_cast<std::size_t>(g)];
       const Eigen::Index first = static_cast<Eigen::Index>(g) * width;
       act(of, actions, first);
-      if (of.engine) {
-        std::array<bool, static_cast<std::size_t>(width)> all;
-        all.fill(true);
-        of.engine->step(of.lanes, 1 / settings_.control_hz, all);
-      } else {
-        of.lanes.step(settings_.steps_per_control);
-      }
+      of.advance(1 / settings_.control_hz, settings_.steps_per_control);
       judge(of, result, first);
       look(of);
     });
@@ -177,31 +179,27 @@ class Tracking {
 
   void restart(Eigen::Index environment) noexcept {
     Seat& s = place(environment);
-    core::RandomStream random(seed_, static_cast<std::uint64_t>(environment), s.episode++);
-    if (s.ending != TrackingEnd::running) priorities_.record(s.motion, s.ending != TrackingEnd::completed);
+    core::RandomStream random(seed_, stream_of(environment), s.episode++);
+    witness(outcome(environment));
     s.ending = TrackingEnd::running;
+    const std::int64_t number = settings_.first_environment + environment;
     s.motion = settings_.start == TrackingStart::anywhere ? priorities_.sample(random)
-                                                          : static_cast<int>(environment % static_cast<Eigen::Index>(motions_.size()));
+                                                          : static_cast<int>(number % static_cast<std::int64_t>(motions_.size()));
     const ReferenceMotion& m = of(s);
     s.tick = 0;
     if (settings_.start == TrackingStart::anywhere)
       s.tick = std::min(m.ticks - 1, static_cast<int>(random.uniform() * m.ticks));
     if (settings_.start == TrackingStart::spread) {
-      const auto motions = static_cast<Eigen::Index>(motions_.size());
-      s.tick = static_cast<int>(environment / motions * m.ticks / std::max<Eigen::Index>(1, environments() / motions));
+      const auto motions = static_cast<std::int64_t>(motions_.size());
+      const std::int64_t all = settings_.all_environments > 0 ? settings_.all_environments : environments();
+      s.tick = static_cast<int>(number / motions * m.ticks / std::max<std::int64_t>(1, all / motions));
       s.tick = std::min(s.tick, m.ticks - 1);
     }
     s.shift = {0, 0};
     s.left = length(s);
     Group& g = group(environment);
-    const int lane = static_cast<int>(environment % width);
-    for (S& x : g.lanes.state()) core::set_lane(x, lane, T(0));
-    g.lanes.clear_failed(lane);
-    g.lanes.reset_extras(lane);
-    for (int i = 0; i < model_->nq; ++i) core::set_lane(g.lanes.q()[i], lane, static_cast<T>(m.poses(i, s.tick)));
-    for (int i = 0; i < model_->nv; ++i) core::set_lane(g.lanes.v()[i], lane, static_cast<T>(m.velocities(i, s.tick)));
-    g.changed = true;
-    measure(g);
+    g.place(static_cast<int>(environment % width), m.poses.col(s.tick).data(), m.velocities.col(s.tick).data());
+    g.measure();
     look(g);
   }
 
@@ -216,46 +214,31 @@ class Tracking {
     TrackingEnd ending = TrackingEnd::running;
     double joint_error = 0;  ///< m
   };
-  struct Group {
-    sim::Lanes<S> lanes;
-    std::shared_ptr<control::Engine<S>> engine;
+  struct Group : LaneGroup<S> {
     std::array<Seat, static_cast<std::size_t>(width)> seats;
-    TrackingState<S> state, reference;
-    std::vector<S> ahead, target;  ///< poses
-    Eigen::MatrixXf seen;
-    bool changed = true;  ///< whether a lane was put somewhere since the last look
+    TrackingState<S> reference;
+    std::vector<S> ahead;  ///< a pose
+    std::vector<S> contacts, reference_contacts;
 
-    Group(const sim::Model& model, const sim::Parameters& p, const sim::Ground<T>& ground, const sim::Extras& extras, Eigen::Index observed)
-        : lanes(model, p, ground, extras),
-          state(model.character),
-          reference(model.character),
-          ahead(static_cast<std::size_t>(model.nq)),
-          target(static_cast<std::size_t>(model.nq)),
-          seen(observed, width) {}
+    Group(const sim::Model& of, const sim::Parameters& p, const sim::Ground<T>& ground, const sim::Extras& extras, Eigen::Index observed)
+        : LaneGroup<S>(of, p, ground, extras, observed),
+          reference(of.character),
+          ahead(static_cast<std::size_t>(of.nq)),
+          contacts(of.bodies.size()),
+          reference_contacts(of.bodies.size()) {}
   };
 
   static S constant(double x) { return S(static_cast<T>(x)); }
 
-  Group& group(Eigen::Index e) { return groups_[static_cast<std::size_t>(e / width)]; }
-  const Group& group(Eigen::Index e) const { return groups_[static_cast<std::size_t>(e / width)]; }
+  std::uint64_t stream_of(Eigen::Index e) const noexcept { return static_cast<std::uint64_t>(settings_.first_environment + e); }
+  Group& group(Eigen::Index e) { return *groups_[static_cast<std::size_t>(e / width)]; }
+  const Group& group(Eigen::Index e) const { return *groups_[static_cast<std::size_t>(e / width)]; }
   Seat& place(Eigen::Index e) { return group(e).seats[static_cast<std::size_t>(e % width)]; }
   const Seat& place(Eigen::Index e) const { return group(e).seats[static_cast<std::size_t>(e % width)]; }
   const ReferenceMotion& of(const Seat& s) const { return motions_[static_cast<std::size_t>(s.motion)]; }
   int length(const Seat& s) const {
     const ReferenceMotion& m = of(s);
     return m.cyclic ? std::max(1, static_cast<int>(std::lround(settings_.episode_s * settings_.control_hz))) : m.ticks - s.tick;
-  }
-
-  /// What hands and feet are to a skeleton: where its chains below the root end, the head left out.
-  static std::vector<int> end_effectors(const sim::Model& model, const control::Roles& roles) {
-    const body::Skeleton& skeleton = model.character.skeleton;
-    std::vector<bool> leaf(static_cast<std::size_t>(skeleton.size()), true);
-    for (int i = 1; i < skeleton.size(); ++i) leaf[static_cast<std::size_t>(skeleton[i].parent)] = false;
-    for (const int h : roles.head) leaf[static_cast<std::size_t>(model.bodies[static_cast<std::size_t>(h)].joint)] = false;
-    std::vector<int> out;
-    for (int i = 1; i < skeleton.size(); ++i)
-      if (leaf[static_cast<std::size_t>(i)]) out.push_back(i);
-    return out;
   }
 
   /// The reference of every lane, `ticks` ahead of where it is. A cycle goes on; what is done once stays at its end.
@@ -281,33 +264,14 @@ class Tracking {
   }
 
   void act(Group& g, ConstColumns<float> actions, Eigen::Index first) noexcept {
-    using core::Quaternion;
-    using core::Vector3;
-    if (g.changed) {
-      g.lanes.refresh();
-      if (g.engine) g.engine->begin(g.lanes, width);
-      g.changed = false;
-    }
     gather(g, 1, g.ahead.data(), nullptr);
     const S scale = constant(settings_.action_scale);
-    const auto action = [&](int i) {
+    g.turn_targets(g.ahead.data(), [&](int i) {
       S a = constant(0);
-      for (int lane = 0; lane < width; ++lane) {
-        const float x = actions(i, first + lane);
-        core::set_lane(a, lane, static_cast<T>(std::clamp(x, -limit(), limit())));
-      }
-      return scale * a;
-    };
-    S* target = g.lanes.target();
-    for (const sim::MovingBody& b : model_->bodies) {
-      const auto at = static_cast<std::size_t>(b.q_index);
-      if (b.type == body::JointType::ball) {
-        const Vector3<S> turn{action(b.v_index - 6), action(b.v_index - 5), action(b.v_index - 4)};
-        (Quaternion<S>::from(&g.ahead[at]) * exp_map(turn)).store(target + b.q_index);
-      } else if (b.type == body::JointType::hinge) {
-        target[at] = g.ahead[at] + action(b.v_index - 6);
-      }
-    }
+      for (int lane = 0; lane < width; ++lane)
+        core::set_lane(a, lane, static_cast<T>(std::clamp(actions(i, first + lane), -limit(), limit())));
+      return S(scale * a);
+    });
   }
   float limit() const { return static_cast<float>(settings_.action_limit); }
 
@@ -325,10 +289,10 @@ class Tracking {
       const float x = static_cast<float>(core::lane_of(g.lanes.q()[0], lane)), y = static_cast<float>(core::lane_of(g.lanes.q()[1], lane));
       if (std::isfinite(x) && std::isfinite(y)) s.shift = {x - m.poses(0, 0), y - m.poses(1, 0)};
     }
-    measure(g);
+    g.measure();
     gather(g, 0, g.reference.q.data(), g.reference.v.data());
     g.reference.measure(model_->character);
-    const S reward = reward_(g.state, g.reference);
+    const S reward = reward_(g.state, g.reference, evidence(g));
     const TrackingEndings& limits = settings_.endings;
     S farthest = constant(0), distance = constant(0);
     for (std::size_t j = 0; j < g.state.frames.position.size(); ++j) {
@@ -337,8 +301,7 @@ class Tracking {
       using std::sqrt;
       distance += sqrt(d2);
     }
-    S touch = constant(0);
-    for (const int b : trunk_) touch = core::max(touch, squared_norm(g.lanes.body_force()[static_cast<std::size_t>(b)]));
+    const S touch = g.greatest_force(trunk_);
     const S turned = squared_angle(g.state.frames.rotation[0], g.reference.frames.rotation[0]);
     for (int lane = 0; lane < width; ++lane) {
       Seat& s = g.seats[static_cast<std::size_t>(lane)];
@@ -365,66 +328,59 @@ class Tracking {
     }
   }
 
-  /// Frames and velocities of the simulated characters.
-  void measure(Group& g) const noexcept {
-    std::copy_n(g.lanes.q(), model_->nq, g.state.q.data());
-    std::copy_n(g.lanes.v(), model_->nv, g.state.v.data());
-    g.state.measure(model_->character);
-  }
-
-  void put(Group& g, Eigen::Index& row, const S& x) const noexcept {
-    for (int lane = 0; lane < width; ++lane) g.seen(row, lane) = static_cast<float>(core::lane_of(x, lane));
-    ++row;
-  }
-  void put(Group& g, Eigen::Index& row, const core::Vector3<S>& v) const noexcept {
-    put(g, row, v.x);
-    put(g, row, v.y);
-    put(g, row, v.z);
-  }
-  void put_joints(Group& g, Eigen::Index& row, const S* q) const noexcept {
-    for (const sim::MovingBody& b : model_->bodies) {
-      if (b.type == body::JointType::ball) put(g, row, log_map(core::Quaternion<S>::from(q + b.q_index)));
-      if (b.type == body::JointType::hinge) put(g, row, q[b.q_index]);
+  /// What a reward asks about a group that was measured.
+  TrackingEvidence<S> evidence(Group& g) const noexcept {
+    TrackingEvidence<S> out{{}, {}, constant(0)};
+    if (reward_.reads_power()) out.power = g.motor_power();
+    if (!reward_.reads_contacts()) return out;
+    const S touching = constant(settings_.endings.contact_force * settings_.endings.contact_force);
+    for (std::size_t b = 0; b < g.contacts.size(); ++b) {
+      g.contacts[b] = core::select(touching < squared_norm(g.lanes.body_force()[b]), constant(1), constant(0));
+      for (int lane = 0; lane < width; ++lane) {
+        const Seat& s = g.seats[static_cast<std::size_t>(lane)];
+        const ReferenceMotion& m = of(s);
+        const auto row = static_cast<Eigen::Index>(b);
+        core::set_lane(g.reference_contacts[b], lane, static_cast<T>(row < m.contacts.rows() ? m.contacts(row, std::min(s.tick, m.ticks)) : 0.0f));
+      }
     }
-  }
-  void put_axes(Group& g, Eigen::Index& row, const core::Quaternion<S>& r) const noexcept {
-    const core::Matrix3<S> m = r.matrix();
-    put(g, row, core::Vector3<S>{m.xx, m.yx, m.zx});
-    put(g, row, core::Vector3<S>{m.xz, m.yz, m.zz});
+    out.contacts = g.contacts;
+    out.reference_contacts = g.reference_contacts;
+    return out;
   }
 
   /// Writes what the policy sees of a group that was measured.
   void look(Group& g) noexcept {
     using core::Quaternion;
     using core::Vector3;
-    Eigen::Index row = 0;
+    FeatureWriter<S> to = g.writer();
+    const body::Skeleton& skeleton = model_->character.skeleton;
     const S* q = g.state.q.data();
     const S* v = g.state.v.data();
     const Vector3<S> root = Vector3<S>::from(q);
     const Quaternion<S> turn = Quaternion<S>::from(q + 3);
-    put(g, row, q[2]);
-    put_axes(g, row, turn);
-    put(g, row, Vector3<S>::from(v));
-    put(g, row, Vector3<S>::from(v + 3));
-    put_joints(g, row, q);
-    for (int i = 6; i < model_->nv; ++i) put(g, row, v[i]);
-    for (std::size_t j = 1; j < g.state.frames.position.size(); ++j) put(g, row, g.state.frames.position[j] - root);
+    to.put(q[2]);
+    to.put_axes(turn);
+    to.put(Vector3<S>::from(v));
+    to.put(Vector3<S>::from(v + 3));
+    to.put_joints(skeleton, q);
+    for (int i = 6; i < model_->nv; ++i) to.put(v[i]);
+    for (std::size_t j = 1; j < g.state.frames.position.size(); ++j) to.put(g.state.frames.position[j] - root);
     gather(g, 0, g.ahead.data(), nullptr);
-    put(g, row, Vector3<S>::from(g.ahead.data()) - root);
-    put(g, row, log_map(Quaternion<S>::from(g.ahead.data() + 3) * turn.conjugate()));
+    to.put(Vector3<S>::from(g.ahead.data()) - root);
+    to.put(log_map(Quaternion<S>::from(g.ahead.data() + 3) * turn.conjugate()));
+    float* const turns = to.skip(2);
     for (int lane = 0; lane < width; ++lane) {
       const Seat& s = g.seats[static_cast<std::size_t>(lane)];
       const ReferenceMotion& m = of(s);
       const double phase = (m.cyclic ? 2 : 1) * std::numbers::pi * s.tick / m.ticks;
-      g.seen(row, lane) = static_cast<float>(std::sin(phase));
-      g.seen(row + 1, lane) = static_cast<float>(std::cos(phase));
+      turns[lane * to.stride()] = static_cast<float>(std::sin(phase));
+      turns[lane * to.stride() + 1] = static_cast<float>(std::cos(phase));
     }
-    row += 2;
     for (const int ticks : {1, 3}) {
       gather(g, ticks, g.ahead.data(), nullptr);
-      put(g, row, Vector3<S>::from(g.ahead.data()) - root);
-      put_axes(g, row, Quaternion<S>::from(g.ahead.data() + 3));
-      put_joints(g, row, g.ahead.data());
+      to.put(Vector3<S>::from(g.ahead.data()) - root);
+      to.put_axes(Quaternion<S>::from(g.ahead.data() + 3));
+      to.put_joints(skeleton, g.ahead.data());
     }
   }
 
@@ -435,8 +391,8 @@ class Tracking {
   sim::Ground<T> ground_;
   E* executor_;
   PrioritizedClips priorities_;
-  DeepMimicReward reward_;
-  std::vector<Group> groups_;
+  TrackingReward reward_;
+  std::vector<std::unique_ptr<Group>> groups_;
   std::uint64_t seed_ = 0;
 };
 

@@ -6,7 +6,7 @@
 
 #include "traceur/sim/parameters.hpp"
 
-namespace perform {
+namespace example {
 
 /// What an engine is made for: plain numbers and text, so that it may be compiled with other flags than its user.
 struct EngineRequest {
@@ -37,4 +37,4 @@ using EngineFactory = PlainSimulator*(const EngineRequest& request, char* fault,
 // One for each engine that was found when this was built.
 EngineFactory make_mujoco, make_bullet, make_ode, make_dart;
 
-}  // namespace perform
+}  // namespace example

@@ -5,7 +5,7 @@
 
 #include "adaptor.hpp"
 
-[[gnu::visibility("default")]] perform::PlainSimulator* perform::make_dart(const EngineRequest& request, char* fault,
+[[gnu::visibility("default")]] example::PlainSimulator* example::make_dart(const EngineRequest& request, char* fault,
                                                                           int size) {
   return make_plain<Plain<traceur::backends::Dart>>(request, fault, size);
 }

@@ -10,7 +10,7 @@ namespace {
 /// ODE as distributions build it has one set of collision data for the whole process, so one thread steps at a time.
 std::mutex turn;
 
-class OdeInTurn final : public perform::Plain<traceur::backends::Ode> {
+class OdeInTurn final : public example::Plain<traceur::backends::Ode> {
 public:
   using Plain::Plain;
   void reset(const double* q, const double* v) override {
@@ -27,6 +27,6 @@ public:
 
 }  // namespace
 
-perform::PlainSimulator* perform::make_ode(const EngineRequest& request, char* fault, int size) {
+example::PlainSimulator* example::make_ode(const EngineRequest& request, char* fault, int size) {
   return make_plain<OdeInTurn>(request, fault, size);
 }

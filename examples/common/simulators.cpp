@@ -3,7 +3,7 @@
 
 #include "traceur/core/error.hpp"
 
-namespace perform {
+namespace example {
 
 std::vector<SimulatorChoice> simulators() {
   std::vector<SimulatorChoice> all{{"bundled", nullptr, nullptr},
@@ -11,16 +11,16 @@ std::vector<SimulatorChoice> simulators() {
                                    {"dart", nullptr, "libdart-dev"},
                                    {"ode", nullptr, "libode-dev"},
                                    {"bullet", nullptr, "libbullet-dev"}};
-#ifdef PERFORM_WITH_MUJOCO
+#ifdef EXAMPLES_WITH_MUJOCO
   all[1].factory = make_mujoco;
 #endif
-#ifdef PERFORM_WITH_DART
+#ifdef EXAMPLES_WITH_DART
   all[2].factory = make_dart;
 #endif
-#ifdef PERFORM_WITH_ODE
+#ifdef EXAMPLES_WITH_ODE
   all[3].factory = make_ode;
 #endif
-#ifdef PERFORM_WITH_BULLET
+#ifdef EXAMPLES_WITH_BULLET
   all[4].factory = make_bullet;
 #endif
   return all;
@@ -39,4 +39,4 @@ SimulatorChoice find_simulator(const std::string& name) {
   throw traceur::Error("--simulator: expected one of " + names + ", got '" + name + "'");
 }
 
-}  // namespace perform
+}  // namespace example

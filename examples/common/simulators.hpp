@@ -6,7 +6,7 @@
 
 #include "engines/plain.hpp"
 
-namespace perform {
+namespace example {
 
 /// A choice of --simulator.
 struct SimulatorChoice {
@@ -20,4 +20,4 @@ std::vector<SimulatorChoice> simulators();
 /// Throws traceur::Error when there is none of that name, or when it is not in this build.
 SimulatorChoice find_simulator(const std::string& name);
 
-}  // namespace perform
+}  // namespace example

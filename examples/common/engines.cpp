@@ -6,7 +6,7 @@
 #include "simulators.hpp"
 #include "traceur/control/engine.hpp"
 
-namespace perform {
+namespace example {
 
 using namespace traceur;
 
@@ -50,17 +50,17 @@ private:
 
 }  // namespace
 
-std::vector<std::shared_ptr<Engine>> make_engines(const std::string& name, const Scene& scene,
-                                                  const sim::Parameters& parameters, int count) {
+std::vector<std::shared_ptr<Engine>> make_engines(const std::string& name, const std::string& character, const sim::Model& model,
+                                                  const terrain::HeightGrid* terrain, const sim::Parameters& parameters, int count) {
   const SimulatorChoice choice = find_simulator(name);
   std::vector<std::shared_ptr<Engine>> out;
   if (!choice.factory) return out;
   EngineRequest request;
-  request.character = scene.character_text.c_str();
+  request.character = character.c_str();
   request.parameters = parameters;
   request.parameters.dt = parameters.dt / std::ceil(engine_hz * parameters.dt - 1e-9);
-  if (scene.terrain) {
-    const terrain::HeightGrid& g = *scene.terrain;
+  if (terrain) {
+    const terrain::HeightGrid& g = *terrain;
     request.heights_m = g.heights().data();
     request.nx = g.nx();
     request.ny = g.ny();
@@ -75,11 +75,11 @@ std::vector<std::shared_ptr<Engine>> make_engines(const std::string& name, const
       char fault[400] = "";
       std::unique_ptr<PlainSimulator> plain(choice.factory(request, fault, sizeof fault));
       if (!plain) throw Error("--simulator " + name + ": " + fault);
-      lanes.emplace_back(scene.model, request.parameters.dt, std::move(plain));
+      lanes.emplace_back(model, request.parameters.dt, std::move(plain));
     }
     out.push_back(control::engine_of<Lane>(std::move(lanes)));
   }
   return out;
 }
 
-}  // namespace perform
+}  // namespace example

@@ -8,7 +8,7 @@
 #include "traceur/io/mjcf.hpp"
 #include "traceur/sim/scene.hpp"
 
-namespace perform {
+namespace example {
 
 /// A simulator of one lane in plain numbers.
 template <class W>
@@ -63,4 +63,4 @@ PlainSimulator* make_plain(const EngineRequest& request, char* fault, int size) 
   }
 }
 
-}  // namespace perform
+}  // namespace example

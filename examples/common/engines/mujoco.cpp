@@ -3,6 +3,6 @@
 
 #include "adaptor.hpp"
 
-perform::PlainSimulator* perform::make_mujoco(const EngineRequest& request, char* fault, int size) {
+example::PlainSimulator* example::make_mujoco(const EngineRequest& request, char* fault, int size) {
   return make_plain<Plain<traceur::backends::Mujoco>>(request, fault, size);
 }

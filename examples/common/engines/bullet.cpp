@@ -3,6 +3,6 @@
 
 #include "adaptor.hpp"
 
-perform::PlainSimulator* perform::make_bullet(const EngineRequest& request, char* fault, int size) {
+example::PlainSimulator* example::make_bullet(const EngineRequest& request, char* fault, int size) {
   return make_plain<Plain<traceur::backends::Bullet>>(request, fault, size);
 }

@@ -1,0 +1,6 @@
+// SPDX-License-Identifier: MIT
+#include "lane.hpp"
+
+#include "traceur/sim/lanes.hpp"
+
+template void traceur::sim::Lanes<example::Lane>::step(int) noexcept;
