@@ -102,6 +102,36 @@ TEST_SUITE("core/executor") {
     CHECK(arrived == 2);
   }
 
+  TEST_CASE("a worker begins with the same indices run after run") {
+    ThreadExecutor executor(2);
+    std::atomic<int> others{0};
+    for (int round = 0; round < 200; ++round) {
+      std::atomic<int> arrived{0};
+      // Nobody is done before both have begun, so nobody helps.
+      executor.run(2, [&](int i, int worker) {
+        if (i != worker) ++others;
+        ++arrived;
+        while (arrived < 2) std::this_thread::yield();
+      });
+    }
+    CHECK(others == 0);
+  }
+
+  TEST_CASE("who is done helps the others") {
+    ThreadExecutor executor(2);
+    std::atomic<int> done{0};
+    std::atomic<bool> helped{false};
+    executor.run(100, [&](int i, int worker) {
+      if (i == 0) {
+        while (done < 99) std::this_thread::yield();
+        return;
+      }
+      if (i < 50 && worker == 1) helped = true;
+      ++done;
+    });
+    CHECK(helped);
+  }
+
   TEST_CASE("the exception of the lowest index comes out, and the executor still works") {
     on_every_executor([](auto& executor) {
       for (int repeat = 0; repeat < 50; ++repeat) {

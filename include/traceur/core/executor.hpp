@@ -6,6 +6,7 @@
 #include <concepts>
 #include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <exception>
 #include <mutex>
 #include <string>
@@ -73,8 +74,9 @@ public:
 };
 
 /// Runs the jobs on a pool of threads that lives as long as the executor. The calling thread works too, so
-/// `ThreadExecutor(1)` starts no thread. Each worker takes the next index when it is done with its last, which evens
-/// out jobs of unequal length; `run` allocates nothing.
+/// `ThreadExecutor(1)` starts no thread. Each worker begins with a part of the indices of its own, the same in every run
+/// of as many, so that data that belongs to an index stays with one core; who is done helps the others, which evens out
+/// jobs of unequal length. `run` allocates nothing.
 ///
 /// One `run` uses the pool at a time. A `run` that finds it taken, from inside a job or from another thread, is carried
 /// out serially by the thread that called it: never a deadlock, at worst no speed-up. From inside a job, its worker
@@ -86,6 +88,7 @@ public:
     if (threads < 0) throw Error("ThreadExecutor: threads must be 0 (all) or more, got " + std::to_string(threads));
     if (threads == 0) threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
     threads_.reserve(static_cast<std::size_t>(threads - 1));
+    shares_ = std::vector<Share>(static_cast<std::size_t>(threads));
     try {
       for (int worker = 1; worker < threads; ++worker) {
         threads_.emplace_back([this, worker] { serve(worker); });
@@ -126,9 +129,11 @@ public:
       const std::lock_guard lock(mutex_);
       call_ = [](void* callable, int i, int worker) { (*static_cast<decltype(job)*>(callable))(i, worker); };
       callable_ = &job;
-      count_ = static_cast<unsigned>(n);
-      next_.store(0, std::memory_order_relaxed);
-      failed_index_ = n;
+      const auto all = static_cast<std::uint64_t>(n), workers = static_cast<std::uint64_t>(shares_.size());
+      for (std::uint64_t w = 0; w < workers; ++w) {
+        shares_[w].left.store(Share::of(w * all / workers, (w + 1) * all / workers), std::memory_order_relaxed);
+      }
+      failed_index_.store(n, std::memory_order_relaxed);
       working_.store(static_cast<int>(threads_.size()), std::memory_order_relaxed);
       round_.fetch_add(1, std::memory_order_relaxed);
     }
@@ -187,23 +192,44 @@ private:
     }
   }
 
-  // Indices are handed out in order, so whoever throws, every lower index was handed out before and runs to its end.
-  // Withholding the rest thus cannot hide the lowest failure.
+  // The indices of a run that a worker has not begun: [begin, end), in one word so that owner and helpers agree on it.
+  struct alignas(64) Share {
+    static std::uint64_t of(std::uint64_t begin, std::uint64_t end) { return end << 32 | begin; }
+
+    /// Takes its first index or, for others, its last; -1 if none is left.
+    int take(bool first) {
+      std::uint64_t now = left.load(std::memory_order_relaxed);
+      for (;;) {
+        const std::uint64_t begin = now & 0xffffffffU, end = now >> 32;
+        if (begin == end) return -1;
+        const std::uint64_t rest = first ? of(begin + 1, end) : of(begin, end - 1);
+        if (left.compare_exchange_weak(now, rest, std::memory_order_relaxed)) return static_cast<int>(first ? begin : end - 1);
+      }
+    }
+
+    std::atomic<std::uint64_t> left{0};
+  };
+
+  /// The next index for a worker, -1 when all are taken.
+  int next(int worker) {
+    const std::size_t n = shares_.size();
+    for (std::size_t k = 0; k < n; ++k)
+      if (const int i = shares_[(static_cast<std::size_t>(worker) + k) % n].take(k == 0); i >= 0) return i;
+    return -1;
+  }
+
   void work(int worker) {
-    for (;;) {
-      const unsigned next = next_.fetch_add(1, std::memory_order_relaxed);
-      if (next >= count_) return;
-      const int i = static_cast<int>(next);
+    for (int i = next(worker); i >= 0; i = next(worker)) {
+      // Every index below the lowest failure so far still runs, so that the lowest of all is found.
+      if (i > failed_index_.load(std::memory_order_relaxed)) continue;
       try {
         call_(callable_, i, worker);
       } catch (...) {
-        next_.store(count_, std::memory_order_relaxed);
         const std::lock_guard lock(mutex_);
-        if (i < failed_index_) {
-          failed_index_ = i;
+        if (i < failed_index_.load(std::memory_order_relaxed)) {
+          failed_index_.store(i, std::memory_order_relaxed);
           failure_ = std::current_exception();
         }
-        return;
       }
     }
   }
@@ -217,6 +243,7 @@ private:
     for (std::thread& thread : threads_) thread.join();
   }
 
+  std::vector<Share> shares_;  // of each worker
   std::vector<std::thread> threads_;
   std::atomic<bool> busy_{false};
   std::atomic<std::thread::id> caller_{};
@@ -230,9 +257,7 @@ private:
   // The run in progress; written under the mutex before a round starts, read by the workers during it.
   void (*call_)(void*, int, int) = nullptr;
   void* callable_ = nullptr;
-  unsigned count_ = 0;
-  std::atomic<unsigned> next_{0};
-  int failed_index_ = 0;
+  std::atomic<int> failed_index_{0};
   std::exception_ptr failure_;
 };
 
