@@ -109,7 +109,11 @@ TEST_CASE("what is no motion is refused") {
   const Eigen::VectorXd q = pose(0, 0, 0);
   CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0, q, {}}}), "keyframes 'a': expected at least two keys, found 1");
   CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0.5, q, {}}, {1, q, {}}}), "keyframes 'a', key 0: expected time 0");
-  CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0, q, {}}, {0, q, {}}}), "keyframes 'a', key 1: expected a time after the key before");
+  CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0, q, {}}, {0, q, {}}}), "keyframes 'a', key 1: expected a time after the key before, by a millisecond or more");
+  CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0, q, {}}, {1e8, q, {}}}),
+                    "keyframes 'a': expected at most 1000000 frames, found 100000000.000000 s of 60.000000 a second");
   CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0, q, {}}, {1, q, {{7, hand, hand, 1}}}}),
                     "keyframes 'a', key 1: expected a joint of the skeleton in a pin");
+  CHECK_THROWS_WITH(motion::from_keyframes("a", s, {{0, q, {}}, {1, q, {{2, hand, {NAN, 0, 0}, 1}}}}),
+                    "keyframes 'a', key 1: expected finite numbers in a pin");
 }

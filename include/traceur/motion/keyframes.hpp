@@ -89,10 +89,14 @@ inline Eigen::VectorXd solve_pins(const body::Skeleton& skeleton, const Keyframe
   return q;
 }
 
+/// The longest clip that keys are sampled to.
+inline constexpr int most_keyframe_frames = 1000000;
+
 /// A clip through authored keys: each key's pins are solved, and in between poses move along cubic curves in the tangent
 /// space of the key before, whose speeds at the keys are those from neighbour to neighbour, zero at both ends. It passes through every
 /// solved key and has no jump in velocity but what rotations that turn far between two keys leave. Sampled at `fps` frames
-/// a second. Throws Error on fewer than two keys, times that do not begin at zero and increase, or a pose that is not the skeleton's.
+/// a second. Throws Error on fewer than two keys, times that do not begin at zero and increase by a millisecond or more, numbers that are not
+/// finite, more than `most_keyframe_frames` frames, or a pose that is not the skeleton's.
 inline Clip from_keyframes(const std::string& name, const body::Skeleton& skeleton, const std::vector<Keyframe>& keys, double fps = 60,
                            const KeyframeSolve& settings = {}) {
   const std::string where = "keyframes '" + name + "'";
@@ -101,12 +105,14 @@ inline Clip from_keyframes(const std::string& name, const body::Skeleton& skelet
   std::vector<Eigen::VectorXd> poses;
   for (std::size_t k = 0; k < keys.size(); ++k) {
     const std::string here = where + ", key " + std::to_string(k);
-    if (!std::isfinite(keys[k].time) || (k == 0 ? keys[k].time != 0 : !(keys[k].time > keys[k - 1].time)))
-      throw Error(here + (k == 0 ? ": expected time 0" : ": expected a time after the key before"));
+    if (!std::isfinite(keys[k].time) || (k == 0 ? keys[k].time != 0 : !(keys[k].time >= keys[k - 1].time + 0.001)))
+      throw Error(here + (k == 0 ? ": expected time 0" : ": expected a time after the key before, by a millisecond or more"));
     body::check_pose(skeleton, keys[k].pose, here);
     for (const KeyframePin& p : keys[k].pins) {
       if (p.joint < 0 || p.joint >= skeleton.size()) throw Error(here + ": expected a joint of the skeleton in a pin");
-      if (!(p.weight > 0)) throw Error(here + ": expected a weight above zero in a pin");
+      if (!(p.weight > 0) || !std::isfinite(p.weight)) throw Error(here + ": expected a weight above zero in a pin");
+      for (const core::Vector3<double>& v : {p.point, p.target})
+        if (!std::isfinite(squared_norm(v))) throw Error(here + ": expected finite numbers in a pin");
     }
     poses.push_back(solve_pins(skeleton, keys[k], settings));
   }
@@ -126,6 +132,10 @@ inline Clip from_keyframes(const std::string& name, const body::Skeleton& skelet
   clip.name = name;
   clip.skeleton = skeleton;
   const double duration = keys.back().time;
+  // Poses are memory: a slip of the pen in a time should cost a message.
+  if (!(duration * fps <= most_keyframe_frames))
+    throw Error(where + ": expected at most " + std::to_string(most_keyframe_frames) + " frames, found " + std::to_string(duration) + " s of " +
+                std::to_string(fps) + " a second");
   const auto frames = std::max<Eigen::Index>(2, std::lround(duration * fps) + 1);
   clip.times = Eigen::VectorXd::LinSpaced(frames, 0, duration);
   clip.poses.resize(skeleton.nq(), frames);
