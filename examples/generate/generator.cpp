@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
-#include <string_view>
 
 #include "../common/progress.hpp"
 #include "../common/retargeting.hpp"
@@ -108,56 +107,13 @@ terrain::HeightGrid boxes_around(const terrain::HeadingFrame<double>& frame, dou
 
 Schedule schedule() { return Schedule::cosine(noise_levels); }
 
-std::span<const float> numbers(const Eigen::VectorXf& v) { return {v.data(), static_cast<std::size_t>(v.size())}; }
-
-void add_numbers(io::Safetensors& file, const char* name, const Eigen::VectorXf& v) {
-  file.add<float>(name, {static_cast<std::uint64_t>(v.size())}, numbers(v));
-}
-
-Eigen::VectorXf get_numbers(const io::Safetensors& file, const char* name, Eigen::Index size) {
-  const std::vector<float> values = file.values<float>(name);
-  if (static_cast<Eigen::Index>(values.size()) != size)
-    throw Error(file.where() + ": tensor '" + name + "': expected " + std::to_string(size) + " numbers, found " +
-                std::to_string(values.size()));
-  const Eigen::Map<const Eigen::VectorXf> v(values.data(), size);
-  if (!v.allFinite()) throw Error(file.where() + ": tensor '" + name + "': expected finite numbers");
-  return v;
-}
-
 void add_scale(io::Safetensors& file, const Windows& windows) {
-  add_numbers(file, "scale.mean", windows.scale().mean);
-  add_numbers(file, "scale.deviation", windows.scale().deviation);
+  io::add_vector(file, "scale.mean", windows.scale().mean);
+  io::add_vector(file, "scale.deviation", windows.scale().deviation);
 }
 
 FeatureScale<float> get_scale(const io::Safetensors& file, Eigen::Index features) {
-  return {get_numbers(file, "scale.mean", features), get_numbers(file, "scale.deviation", features)};
-}
-
-/// Calls f(name of the tensor, first parameter, rows, columns) for each tensor of the network.
-template <class F>
-void each_tensor(const MotionGenerator& net, F&& f) {
-  net.for_each_parameter([&](std::string_view name, Eigen::Index offset, Eigen::Index rows, Eigen::Index cols) {
-    f("network." + std::string(name), offset, rows, cols);
-  });
-}
-
-using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-void add_network(io::Safetensors& file, const MotionGenerator& net, const float* theta) {
-  each_tensor(net, [&](const std::string& name, Eigen::Index offset, Eigen::Index rows, Eigen::Index cols) {
-    const RowMajor values = Eigen::Map<const Matrix>(theta + offset, rows, cols);
-    file.add<float>(name, {static_cast<std::uint64_t>(rows), static_cast<std::uint64_t>(cols)},
-                    {values.data(), static_cast<std::size_t>(values.size())});
-  });
-}
-
-Eigen::VectorXf get_network(const io::Safetensors& file, const MotionGenerator& net) {
-  Eigen::VectorXf theta(net.parameters());
-  each_tensor(net, [&](const std::string& name, Eigen::Index offset, Eigen::Index rows, Eigen::Index cols) {
-    const Eigen::VectorXf values = get_numbers(file, name.c_str(), rows * cols);
-    Eigen::Map<Matrix>(theta.data() + offset, rows, cols) = Eigen::Map<const RowMajor>(values.data(), rows, cols);
-  });
-  return theta;
+  return {io::get_vector<float>(file, "scale.mean", features), io::get_vector<float>(file, "scale.deviation", features)};
 }
 
 /// A run between two blocks of steps, as a file.
@@ -171,9 +127,9 @@ void save(const Options& o, const Windows& windows, const Checkpoint& c) {
   const fs::path path = o.out / "checkpoint.safetensors";
   io::Safetensors file(path.string());
   add_scale(file, windows);
-  add_numbers(file, "theta", c.theta);
-  add_numbers(file, "average", c.average);
-  add_numbers(file, "moments", c.moments);
+  io::add_vector(file, "theta", c.theta);
+  io::add_vector(file, "average", c.average);
+  io::add_vector(file, "moments", c.moments);
   std::vector<double> looks{static_cast<double>(c.step)};
   for (const Milestone& m : c.milestones) looks.insert(looks.end(), {m.step, m.loss});
   file.add<double>("milestones", {looks.size()}, looks);
@@ -184,8 +140,8 @@ void save(const Options& o, const Windows& windows, const Checkpoint& c) {
 Checkpoint load(const Options& o, Windows& windows, Eigen::Index parameters) {
   const io::Safetensors file = io::read_safetensors(o.out / "checkpoint.safetensors");
   windows.set_scale(get_scale(file, windows.features().size()));
-  Checkpoint c{get_numbers(file, "theta", parameters), get_numbers(file, "average", parameters),
-               get_numbers(file, "moments", 2 * parameters), 0, {}};
+  Checkpoint c{io::get_vector<float>(file, "theta", parameters), io::get_vector<float>(file, "average", parameters),
+               io::get_vector<float>(file, "moments", 2 * parameters), 0, {}};
   const std::vector<double> looks = file.values<double>("milestones");
   if (looks.size() % 2 != 1) throw Error(file.where() + ": tensor 'milestones': expected 1 + 2 n numbers");
   c.step = static_cast<std::int64_t>(looks[0]);
@@ -365,7 +321,7 @@ Training train(const Scene& scene, const Options& options) {
   const fs::path path = options.out / "generator.safetensors";
   io::Safetensors file(path.string());
   add_scale(file, windows);
-  add_network(file, net, c.average.data());
+  io::add_module<float>(file, net, c.average.data(), "network.");
   file.metadata = {{"arguments", job_arguments(options).dump()}};
   io::write_safetensors(path, file);
   return {c.milestones, static_cast<int>(c.step), clock.seconds(), static_cast<long>(n)};
@@ -407,7 +363,8 @@ Generated generate_along(const Scene& scene, const Options& options, const Cours
   Windows windows(FrameFeatures(scene.character.skeleton), window_parameters(options.size));
   windows.set_scale(get_scale(file, windows.features().size()));
   const MotionGenerator net = make_network(windows, options.size);
-  const Eigen::VectorXf theta = get_network(file, net);
+  Eigen::VectorXf theta(net.parameters());
+  io::read_module<float>(file, net, theta.data(), "network.");
   NetworkDenoiser<float, MotionGenerator, core::ThreadExecutor> denoiser(net, theta.data(), executor, options.batch);
   BlendedDenoiser<float, decltype(denoiser)> blended(denoiser, {past_seen, 0.5}, options.batch);
   LongHorizonParameters p;

@@ -103,6 +103,16 @@ struct Shapes {
   }
 };
 
+// The same tensors in a network that is no module.
+struct Network {
+  Eigen::Index parameters() const noexcept { return 12; }
+  template <class F>
+  void for_each_parameter(F&& f) const {
+    Shapes().for_each_parameter(f);
+  }
+};
+static_assert(nn::Parameterized<Network> && !nn::Module<Network>);
+
 const std::vector<float> counted = {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12};
 
 Safetensors saved(const std::string& prefix) {
@@ -283,6 +293,39 @@ TEST_CASE("a module's parameters are stored by rows and come back") {
   std::vector<double> wide(12);
   io::read_module(file, Shapes{}, wide.data(), "policy.");
   CHECK(wide == std::vector<double>(counted.begin(), counted.end()));
+}
+
+TEST_CASE("a network that is no module is stored as a module of the same tensors is") {
+  Safetensors file("net.safetensors");
+  io::add_module(file, Network{}, counted.data(), "policy.");
+  CHECK(safetensors_bytes(file) == safetensors_bytes(saved("policy.")));
+  std::vector<float> theta(12);
+  io::read_module(file, Network{}, theta.data(), "policy.");
+  CHECK(theta == counted);
+}
+
+TEST_CASE("vectors go in and come back, matrices as their memory lies") {
+  Safetensors file("f");
+  const Eigen::VectorXd d = Eigen::VectorXd::LinSpaced(5, -1, 1);
+  Eigen::MatrixXf m(2, 3);
+  m << 1, 3, 5, 2, 4, 6;
+  io::add_vector(file, "d", d);
+  io::add_vector(file, "m", m);
+  io::add_vector(file, "none", Eigen::VectorXf());
+  CHECK(file.at("d").shape == std::vector<std::uint64_t>{5});
+  CHECK(file.at("d").type == "F64");
+  CHECK(file.values<float>("m") == std::vector<float>{1, 2, 3, 4, 5, 6});
+  CHECK((io::get_vector<double>(file, "d") == d));
+  CHECK(io::get_vector<float>(file, "none").size() == 0);
+  CHECK((io::get_vector<float>(file, "m", 6) == Eigen::Map<const Eigen::VectorXf>(m.data(), 6)));
+  CHECK(error_of([&] { io::get_vector<float>(file, "m", 5); }) == "f: tensor 'm': expected 5 elements, found [6]");
+  CHECK(error_of([&] { io::get_vector<float>(file, "d"); }) == "f: tensor 'd': expected type F32, found F64");
+  CHECK(error_of([&] { io::get_vector<double>(file, "x"); }) == "f: tensor 'x': missing");
+  CHECK(error_of([&] { io::get_vector<double>(file, "x", 2); }) == "f: tensor 'x': missing");
+  // Only who says how many numbers there are has them looked at.
+  io::add_vector(file, "odd", Eigen::VectorXf::Constant(2, std::numeric_limits<float>::infinity()).eval());
+  CHECK(std::isinf(io::get_vector<float>(file, "odd")[1]));
+  CHECK(error_of([&] { io::get_vector<float>(file, "odd", 2); }) == "f: tensor 'odd': expected finite numbers, element 0 is not");
 }
 
 TEST_CASE("two modules share a file under their prefixes") {

@@ -13,6 +13,7 @@ using Eigen::Index;
 using traceur::nn::ConstMatrix;
 using traceur::nn::Matrix;
 using traceur::nn::Module;
+using traceur::nn::Parameterized;
 
 namespace {
 
@@ -92,6 +93,8 @@ struct NoBackward {
 
 static_assert(Module<Scaling, float> && Module<Scaling, double>);
 static_assert(!Module<NoBackward>);
+static_assert(Parameterized<Scaling> && Parameterized<NoBackward>);
+static_assert(!Parameterized<TwoScalings>);  // of how many parameters it does not say
 static_assert(!Module<Scaling, int>);
 
 }  // namespace

@@ -11,14 +11,10 @@ namespace traceur::io {
 
 /// Adds all that adversarial imitation needs to go on beside a policy's run, under names that begin with `prefix`.
 inline void add_adversarial_state(Safetensors& file, const learn::AdversarialState<float>& s, const std::string& prefix = "style.") {
-  const auto floats = [&](const char* name, const float* values, Eigen::Index count) {
-    file.add<float>(prefix + name, {static_cast<std::uint64_t>(count)}, {values, static_cast<std::size_t>(count)});
-  };
-  floats("discriminator", s.discriminator.data(), s.discriminator.size());
-  floats("optimizer", s.optimizer.data(), s.optimizer.size());
-  floats("replay", s.replay.data(), s.replay.size());
-  file.add<double>(prefix + "normalizer", {static_cast<std::uint64_t>(s.normalizer.size())},
-                   {s.normalizer.data(), static_cast<std::size_t>(s.normalizer.size())});
+  add_vector(file, prefix + "discriminator", s.discriminator);
+  add_vector(file, prefix + "optimizer", s.optimizer);
+  add_vector(file, prefix + "replay", s.replay);
+  add_vector(file, prefix + "normalizer", s.normalizer);
   const std::vector<std::int64_t> counts{s.steps, s.updates, s.replayed, s.replay.rows(), s.replay.cols()};
   file.add<std::int64_t>(prefix + "counts", {counts.size()}, counts);
 }
@@ -27,20 +23,15 @@ inline void add_adversarial_state(Safetensors& file, const learn::AdversarialSta
 /// Throws Error that names file and tensor.
 inline learn::AdversarialState<float> get_adversarial_state(const Safetensors& file, const std::string& prefix = "style.") {
   learn::AdversarialState<float> s;
-  const auto floats = [&](const char* name) -> Eigen::VectorXf {
-    const std::vector<float> v = file.values<float>(prefix + name);
-    return Eigen::Map<const Eigen::VectorXf>(v.data(), static_cast<Eigen::Index>(v.size()));
-  };
-  s.discriminator = floats("discriminator");
-  s.optimizer = floats("optimizer");
-  const std::vector<double> normalizer = file.values<double>(prefix + "normalizer");
-  s.normalizer = Eigen::Map<const Eigen::VectorXd>(normalizer.data(), static_cast<Eigen::Index>(normalizer.size()));
+  s.discriminator = get_vector<float>(file, prefix + "discriminator");
+  s.optimizer = get_vector<float>(file, prefix + "optimizer");
+  s.normalizer = get_vector<double>(file, prefix + "normalizer");
   std::vector<std::int64_t> counts(5);
   file.read<std::int64_t>(prefix + "counts", counts);
   s.steps = counts[0];
   s.updates = counts[1];
   s.replayed = counts[2];
-  const Eigen::VectorXf replay = floats("replay");
+  const Eigen::VectorXf replay = get_vector<float>(file, prefix + "replay");
   constexpr std::int64_t widest = 1 << 24;
   if (counts[3] < 0 || counts[3] > widest || counts[4] < 0 || counts[4] > widest || counts[3] * counts[4] != replay.size())
     throw Error(file.where() + ": tensor '" + prefix + "replay': expected as many numbers as 'counts' says");

@@ -22,9 +22,7 @@ inline void add_policy(Safetensors& file, const learn::Policy<float>& policy, co
   for (const Eigen::Index w : policy.network().widths()) widths.push_back(w);
   file.add<std::int64_t>(prefix + "widths", {widths.size()}, widths);
   add_module<float>(file, policy.network(), policy.parameters().data(), prefix + "network.");
-  const Eigen::VectorXd& state = policy.normalizer().state();
-  file.add<double>(prefix + "normalizer", {static_cast<std::uint64_t>(state.size())},
-                   {state.data(), static_cast<std::size_t>(state.size())});
+  add_vector(file, prefix + "normalizer", policy.normalizer().state());
 }
 
 /// The policy that `add_policy` put there. Throws Error that names file and tensor.
@@ -43,8 +41,7 @@ inline learn::Policy<float> get_policy(const Safetensors& file, const std::strin
   Eigen::VectorXf parameters(network.parameters());
   read_module<float>(file, network, parameters.data(), prefix + "network.");
   nn::Normalizer normalizer(network.inputs());
-  const std::vector<double> state = file.values<double>(prefix + "normalizer");
-  normalizer.restore(Eigen::Map<const Eigen::VectorXd>(state.data(), static_cast<Eigen::Index>(state.size())));
+  normalizer.restore(get_vector<double>(file, prefix + "normalizer"));
   return learn::Policy<float>(std::move(network), std::move(parameters), std::move(normalizer));
 }
 

@@ -11,15 +11,11 @@ namespace traceur::io {
 
 /// Adds all that a run of PPO needs to go on, under names that begin with `prefix`.
 inline void add_ppo_state(Safetensors& file, const learn::PpoState<float>& s, const std::string& prefix = "ppo.") {
-  const auto floats = [&](const char* name, const Eigen::VectorXf& v) {
-    file.add<float>(prefix + name, {static_cast<std::uint64_t>(v.size())}, {v.data(), static_cast<std::size_t>(v.size())});
-  };
-  floats("policy", s.policy);
-  floats("value", s.value);
-  floats("policy_optimizer", s.policy_optimizer);
-  floats("value_optimizer", s.value_optimizer);
-  file.add<double>(prefix + "normalizer", {static_cast<std::uint64_t>(s.normalizer.size())},
-                   {s.normalizer.data(), static_cast<std::size_t>(s.normalizer.size())});
+  add_vector(file, prefix + "policy", s.policy);
+  add_vector(file, prefix + "value", s.value);
+  add_vector(file, prefix + "policy_optimizer", s.policy_optimizer);
+  add_vector(file, prefix + "value_optimizer", s.value_optimizer);
+  add_vector(file, prefix + "normalizer", s.normalizer);
   const std::vector<std::int64_t> counts{s.policy_steps, s.value_steps, s.updates, s.ticks};
   file.add<std::int64_t>(prefix + "counts", {counts.size()}, counts);
   const std::vector<double> rate{s.policy_rate};
@@ -30,16 +26,11 @@ inline void add_ppo_state(Safetensors& file, const learn::PpoState<float>& s, co
 /// and tensor.
 inline learn::PpoState<float> get_ppo_state(const Safetensors& file, const std::string& prefix = "ppo.") {
   learn::PpoState<float> s;
-  const auto floats = [&](const char* name) -> Eigen::VectorXf {
-    const std::vector<float> v = file.values<float>(prefix + name);
-    return Eigen::Map<const Eigen::VectorXf>(v.data(), static_cast<Eigen::Index>(v.size()));
-  };
-  s.policy = floats("policy");
-  s.value = floats("value");
-  s.policy_optimizer = floats("policy_optimizer");
-  s.value_optimizer = floats("value_optimizer");
-  const std::vector<double> normalizer = file.values<double>(prefix + "normalizer");
-  s.normalizer = Eigen::Map<const Eigen::VectorXd>(normalizer.data(), static_cast<Eigen::Index>(normalizer.size()));
+  s.policy = get_vector<float>(file, prefix + "policy");
+  s.value = get_vector<float>(file, prefix + "value");
+  s.policy_optimizer = get_vector<float>(file, prefix + "policy_optimizer");
+  s.value_optimizer = get_vector<float>(file, prefix + "value_optimizer");
+  s.normalizer = get_vector<double>(file, prefix + "normalizer");
   std::vector<std::int64_t> counts(4);
   file.read<std::int64_t>(prefix + "counts", counts);
   s.policy_steps = counts[0];

@@ -19,6 +19,8 @@
 #include <utility>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include <traceur/io/atomic_file.hpp>
 #include <traceur/io/detail/json.hpp>
 #include <traceur/nn/module.hpp>
@@ -415,9 +417,34 @@ inline void write_safetensors(const std::filesystem::path& path, const Safetenso
   write_atomically(path, safetensors_bytes(file));
 }
 
-/// Adds the parameters of a module, each tensor under `prefix` and its name: a matrix as [rows, cols], one column as [rows].
-template <class S, class M>
-  requires nn::Module<M, S>
+/// Adds the numbers of a vector, or of a matrix in the order of its memory, as a tensor of one dimension.
+template <class D>
+  requires TensorScalar<typename D::Scalar>
+void add_vector(Safetensors& file, std::string name, const Eigen::PlainObjectBase<D>& v) {
+  const auto size = static_cast<std::size_t>(v.size());
+  file.add<typename D::Scalar>(std::move(name), {size}, {v.data(), size});
+}
+
+/// The numbers of a tensor, row-major. Throws Error as `Safetensors::read` does.
+template <TensorScalar S>
+Eigen::Matrix<S, Eigen::Dynamic, 1> get_vector(const Safetensors& file, std::string_view name) {
+  Eigen::Matrix<S, Eigen::Dynamic, 1> v(static_cast<Eigen::Index>(file.at(name).size()));
+  file.read<S>(name, {v.data(), static_cast<std::size_t>(v.size())});
+  return v;
+}
+
+/// The same for a tensor that has to have `size` numbers, all finite: throws Error when it has not.
+template <TensorScalar S>
+Eigen::Matrix<S, Eigen::Dynamic, 1> get_vector(const Safetensors& file, std::string_view name, Eigen::Index size) {
+  Eigen::Matrix<S, Eigen::Dynamic, 1> v(size);
+  file.read<S>(name, {v.data(), static_cast<std::size_t>(size)});
+  file.check_finite(file.at(name));
+  return v;
+}
+
+/// Adds the parameters of a module, or of another network, each tensor under `prefix` and its name: a matrix as [rows, cols],
+/// one column as [rows].
+template <TensorScalar S, nn::Parameterized M>
 void add_module(Safetensors& file, const M& module, const S* theta, const std::string& prefix = "") {
   std::vector<S> values;
   module.for_each_parameter([&](std::string_view name, Eigen::Index offset, Eigen::Index rows, Eigen::Index cols) {
@@ -432,12 +459,11 @@ void add_module(Safetensors& file, const M& module, const S* theta, const std::s
   });
 }
 
-/// Reads the parameters of a module into `theta`. The tensors under `prefix` must be those of the module and no others, of
+/// Reads the parameters of a module or another network into `theta`. The tensors under `prefix` must be those of the module and no others, of
 /// its sizes and finite; a shape of more than two dimensions counts as a matrix of its first dimension by the rest, as
 /// PyTorch stores a convolution. Float numbers may be read into doubles, not the other way. Throws Error that names file
 /// and tensor; `theta` is then undefined.
-template <class S, class M>
-  requires nn::Module<M, S>
+template <TensorScalar S, nn::Parameterized M>
 void read_module(const Safetensors& file, const M& module, S* theta, const std::string& prefix = "") {
   std::vector<S> values;
   std::set<std::string> known;

@@ -38,6 +38,17 @@ struct AnyParameter {
 template <class M, class S>
 using WorkspaceOf = typename M::template Workspace<S>;
 
+/// Whatever has its parameters in one flat array of the caller's, of length `parameters()`, and names for them: modules, and
+/// networks of other inputs and outputs.
+///
+/// `for_each_parameter` calls `f(name, offset, rows, cols)` in order of offset for tensors that fill the array, each
+/// column-major. Names are unique: `layers.0.weight`.
+template <class M>
+concept Parameterized = requires(const M& m) {
+  { m.parameters() } -> std::same_as<Eigen::Index>;
+  m.for_each_parameter(detail::AnyParameter{});
+};
+
 /// A differentiable map from columns to columns: an immutable description of shapes that owns no parameters. Parameters
 /// and gradients live in flat arrays of the caller's, of which a module is given its slice (`theta`, `dtheta`, of
 /// length `parameters()`), so a whole network is one vector to an optimizer, a file or another thread. S is float or
@@ -55,12 +66,10 @@ using WorkspaceOf = typename M::template Workspace<S>;
 /// unless dx has
 ///   no columns, as `no_gradient` has.
 /// - A workspace serves one thread at a time. The same inputs give the same bits, whatever was in it before.
-/// - `for_each_parameter` calls `f(name, offset, rows, cols)` in order of offset for tensors that fill the slice, each
-///   column-major. Names are unique: `layers.0.weight`.
 /// - Where columns are samples of a batch they do not depend on each other; sequence modules say how they read columns.
 template <class M, class S = float>
 concept Module = (std::same_as<S, float> ||
-                  std::same_as<S, double>)&&requires(const M& m, const S* theta, S* dtheta, ConstMatrix<S> x,
+                  std::same_as<S, double>)&&Parameterized<M>&&requires(const M& m, const S* theta, S* dtheta, ConstMatrix<S> x,
                                                      Matrix<S> y, WorkspaceOf<M, S>& w, core::RandomStream& random,
                                                      Eigen::Index columns) {
   { m.inputs() }
@@ -74,7 +83,6 @@ concept Module = (std::same_as<S, float> ||
   { m.infer(theta, x, w, y) } -> std::same_as<void>;
   { m.backward(theta, x, x, w, dtheta, y) } -> std::same_as<void>;
   { m.initialize(dtheta, random) } -> std::same_as<void>;
-  m.for_each_parameter(detail::AnyParameter{});
 };
 
 /// What to pass as `dx` when the gradient with respect to the input is not wanted.
