@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/learn/lane_group.hpp>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <memory>
+#include <set>
+#include <string>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -28,6 +32,25 @@ struct Bench {
     for (int lane = 0; lane < width; ++lane) group.place(lane, q.data(), v.data());
   }
 };
+
+struct Seat {
+  int left = 0, begun = 0;
+};
+
+/// Three groups, each of whose lanes shows one number.
+struct Hall {
+  sim::Parameters parameters;
+  sim::Ground<float> ground;
+  LaneGroups<SeatedGroup<Lane, Seat>> groups{"task", 3 * width, humanoid(), parameters, ground, sim::Extras(), Eigen::Index{1}};
+};
+
+/// Steps that environments have left after a reset that gave each of them `steps`.
+std::vector<int> ages(Hall& h, std::uint64_t seed, std::int64_t from, bool spread, int steps) {
+  h.groups.reset(seed, from, spread, [&](Eigen::Index e) { h.groups.seat(e).left = steps; });
+  std::vector<int> out;
+  for (Eigen::Index e = 0; e < h.groups.environments(); ++e) out.push_back(h.groups.seat(e).left);
+  return out;
+}
 
 }  // namespace
 
@@ -55,6 +78,27 @@ TEST_CASE("targets are a pose turned by rotation vectors and angles") {
   body::displace(skeleton, from.data(), d.data(), expected.data());
   b.group.turn_targets(b.group.lanes.q(), [&](int i) { return Lane(d[i + 6]); });
   for (int i = 7; i < humanoid().nq; ++i) CHECK(b.group.lanes.target()[i][1] == doctest::Approx(expected[i]).epsilon(1e-5));
+}
+
+TEST_CASE("a batch's actions turn targets by their size within the limit, times the scale, each lane by its own column") {
+  Bench one, other;
+  core::RandomStream random(4);
+  const Eigen::Index numbers = humanoid().nv - 6;
+  constexpr double scale = 0.25, limit = 1.5;
+  Eigen::MatrixXf actions(numbers, 2 * width);
+  for (float& a : actions.reshaped()) a = random.normal<float>(0.0f, 2.0f);
+  const auto [least, most] = std::minmax_element(actions.data() + width * numbers, actions.data() + 2 * width * numbers);
+  REQUIRE(*most > limit);
+  REQUIRE(*least < -limit);
+  one.group.turn_targets(one.group.lanes.q(), actions, width, scale, limit);
+  other.group.turn_targets(other.group.lanes.q(), [&](int i) {
+    Lane a(0.0);
+    for (int lane = 0; lane < width; ++lane) core::set_lane(a, lane, 0.25f * std::min(1.5f, std::max(-1.5f, actions(i, width + lane))));
+    return a;
+  });
+  for (int i = 7; i < humanoid().nq; ++i)
+    for (int lane = 0; lane < width; ++lane)
+      CHECK(core::lane_of(one.group.lanes.target()[i], lane) == core::lane_of(other.group.lanes.target()[i], lane));
 }
 
 TEST_CASE("motors' power is torque times rate, the torque within its limit") {
@@ -89,4 +133,75 @@ TEST_CASE("engines are taken one a group, and given back") {
   CHECK(b.group.engine == nullptr);
   CHECK_THROWS_WITH_AS(use_engines<Lane>("task", {&b.group, &b.group}, {puppeteer}), "task: expected an engine for each group of lanes",
                        Error);
+}
+
+TEST_CASE("every environment has a lane and a seat of its own") {
+  Hall h;
+  CHECK(h.groups.size() == 3);
+  REQUIRE(h.groups.environments() == 3 * width);
+  std::set<const Seat*> seats;
+  for (Eigen::Index e = 0; e < h.groups.environments(); ++e) {
+    const int g = static_cast<int>(e) / width, lane = static_cast<int>(e) - g * width;
+    CHECK(&h.groups.of(e) == &h.groups[g]);
+    CHECK(h.groups.lane(e) == lane);
+    CHECK(h.groups.first(g) + lane == e);
+    CHECK(&h.groups.seat(e) == &h.groups[g].seats[static_cast<std::size_t>(lane)]);
+    seats.insert(&h.groups.seat(e));
+    h.groups[g].seen(0, lane) = static_cast<float>(e);
+  }
+  CHECK(seats.size() == static_cast<std::size_t>(3 * width));
+  Eigen::MatrixXf seen(1, 3 * width);
+  h.groups.observe(seen);
+  for (Eigen::Index e = 0; e < h.groups.environments(); ++e) CHECK(seen(0, e) == static_cast<float>(e));
+}
+
+TEST_CASE("only whole groups are made") {
+  const sim::Parameters parameters;
+  const sim::Ground<float> ground;
+  for (const Eigen::Index count : {Eigen::Index{-width}, Eigen::Index{0}, Eigen::Index{width + 1}}) {
+    const std::string said = "task: expected a positive multiple of " + std::to_string(width) + " environments, got " + std::to_string(count);
+    const auto make = [&] {
+      LaneGroups<SeatedGroup<Lane, Seat>>("task", count, humanoid(), parameters, ground, sim::Extras(), Eigen::Index{1});
+    };
+    CHECK_THROWS_WITH_AS(make(), said.c_str(), Error);
+  }
+}
+
+TEST_CASE("a reset empties seats and begins an episode in each, whole or at an age of its own") {
+  Hall h;
+  for (Eigen::Index e = 0; e < h.groups.environments(); ++e) h.groups.seat(e).begun = 5;
+  std::vector<Eigen::Index> order;
+  h.groups.reset(1, 0, false, [&](Eigen::Index e) {
+    order.push_back(e);
+    ++h.groups.seat(e).begun;
+  });
+  for (Eigen::Index e = 0; e < h.groups.environments(); ++e) {
+    CHECK(h.groups.seat(e).begun == 1);
+    CHECK(order[static_cast<std::size_t>(e)] == e);
+  }
+
+  constexpr int steps = 1000;
+  CHECK(ages(h, 1, 0, false, steps) == std::vector<int>(static_cast<std::size_t>(3 * width), steps));
+  const std::vector<int> whole = ages(h, 1, 0, true, steps);
+  CHECK(*std::min_element(whole.begin(), whole.end()) >= 1);
+  CHECK(*std::max_element(whole.begin(), whole.end()) <= steps);
+  CHECK(std::set<int>(whole.begin(), whole.end()).size() > static_cast<std::size_t>(2 * width));
+  CHECK(ages(h, 2, 0, true, steps) != whole);
+  // The part of a task that begins later has the ages that these environments have in the whole.
+  const std::vector<int> part = ages(h, 1, width, true, steps);
+  CHECK(std::equal(whole.begin() + width, whole.end(), part.begin()));
+  // Of one step nothing can be left out.
+  CHECK(ages(h, 1, 0, true, 1) == std::vector<int>(static_cast<std::size_t>(3 * width), 1));
+}
+
+TEST_CASE("groups take an engine each, or all go back to the bundled dynamics") {
+  Hall h;
+  std::vector<std::shared_ptr<control::Engine<Lane>>> engines;
+  for (int g = 0; g < 3; ++g) engines.push_back(std::make_shared<Puppeteer>([](int, int, Eigen::VectorXf&, Eigen::VectorXf&) {}));
+  h.groups.use(engines);
+  for (int g = 0; g < 3; ++g) CHECK(h.groups[g].engine == engines[static_cast<std::size_t>(g)]);
+  CHECK_THROWS_WITH_AS(h.groups.use({engines[0], engines[1]}), "task: expected an engine for each group of lanes", Error);
+  CHECK(h.groups[2].engine == engines[2]);
+  h.groups.use({});
+  for (int g = 0; g < 3; ++g) CHECK(h.groups[g].engine == nullptr);
 }

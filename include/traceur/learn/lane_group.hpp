@@ -5,11 +5,14 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "traceur/control/engine.hpp"
+#include "traceur/core/random.hpp"
+#include "traceur/learn/environment.hpp"
 #include "traceur/learn/feature_writer.hpp"
 #include "traceur/learn/tracking_state.hpp"
 #include "traceur/sim/lanes.hpp"
@@ -20,6 +23,7 @@ namespace traceur::learn {
 /// moved by the bundled dynamics, or by `engine` where there is one.
 template <class S>
 struct LaneGroup {
+  using Scalar = S;
   using T = core::Element<S>;
   static constexpr int width = core::lane_count<S>;
 
@@ -58,6 +62,18 @@ struct LaneGroup {
         target[b.q_index] = pose[b.q_index] + action(b.v_index - 6);
       }
     }
+  }
+
+  /// The same by a batch's actions, those of lane l in column `first + l`: each number held within +-`limit`, then times
+  /// `scale` (rad).
+  void turn_targets(const S* pose, ConstColumns<float> actions, Eigen::Index first, double scale, double limit) noexcept {
+    const S size(static_cast<T>(scale));
+    const float most = static_cast<float>(limit);
+    turn_targets(pose, [&](int i) {
+      S a(T(0));
+      for (int lane = 0; lane < width; ++lane) core::set_lane(a, lane, static_cast<T>(std::clamp(actions(i, first + lane), -most, most)));
+      return S(size * a);
+    });
   }
 
   /// One tick of a policy: `steps` of the dynamics, or as much time in the engine.
@@ -130,5 +146,80 @@ void use_engines(const char* where, std::vector<LaneGroup<S>*> groups, const std
     if (!engines[g]->fits(*groups[g]->model)) throw Error(name + ": the engine holds another character");
   for (std::size_t g = 0; g < groups.size(); ++g) groups[g]->engine = engines.empty() ? nullptr : engines[g];
 }
+
+/// A group in which each lane has a seat: what a task keeps of one environment.
+template <class S, class Seat>
+struct SeatedGroup : LaneGroup<S> {
+  std::array<Seat, static_cast<std::size_t>(LaneGroup<S>::width)> seats{};
+
+  using LaneGroup<S>::LaneGroup;
+};
+
+/// The environments of a task on the simulator: environment e is lane e % width of group e / width. `Group` is a
+/// `SeatedGroup` or derived from one; seats have a count `left` of the steps that their episode may still last.
+template <class Group>
+class LaneGroups {
+ public:
+  using S = typename Group::Scalar;
+  static constexpr int width = Group::width;
+
+  LaneGroups() = default;
+  /// Makes each group of `arguments`. Throws Error, which begins with `where`, unless the number of environments is a positive
+  /// multiple of the pack's width.
+  template <class... A>
+  LaneGroups(const char* where, Eigen::Index environments, const A&... arguments) : where_(where) {
+    if (environments < 1 || environments % width != 0)
+      throw Error(where_ + ": expected a positive multiple of " + std::to_string(width) + " environments, got " + std::to_string(environments));
+    groups_.reserve(static_cast<std::size_t>(environments / width));
+    for (Eigen::Index g = 0; g < environments / width; ++g) groups_.push_back(std::make_unique<Group>(arguments...));
+  }
+
+  int size() const noexcept { return static_cast<int>(groups_.size()); }
+  Eigen::Index environments() const noexcept { return static_cast<Eigen::Index>(groups_.size()) * width; }
+  Group& operator[](int g) noexcept { return *groups_[static_cast<std::size_t>(g)]; }
+  const Group& operator[](int g) const noexcept { return *groups_[static_cast<std::size_t>(g)]; }
+  /// The environment in lane 0 of group g.
+  static Eigen::Index first(int g) noexcept { return static_cast<Eigen::Index>(g) * width; }
+
+  /// Where environment e is.
+  Group& of(Eigen::Index e) noexcept { return (*this)[static_cast<int>(e / width)]; }
+  const Group& of(Eigen::Index e) const noexcept { return (*this)[static_cast<int>(e / width)]; }
+  static int lane(Eigen::Index e) noexcept { return static_cast<int>(e % width); }
+  auto& seat(Eigen::Index e) noexcept { return of(e).seats[static_cast<std::size_t>(e % width)]; }
+  const auto& seat(Eigen::Index e) const noexcept { return of(e).seats[static_cast<std::size_t>(e % width)]; }
+
+  /// Lets engines move the lanes, as `use_engines` does.
+  void use(const std::vector<std::shared_ptr<control::Engine<S>>>& engines) {
+    std::vector<LaneGroup<S>*> groups;
+    for (const auto& g : groups_) groups.push_back(g.get());
+    use_engines<S>(where_.c_str(), groups, engines);
+  }
+
+  /// Writes what every lane shows.
+  void observe(Columns<float> out) const noexcept {
+    for (int g = 0; g < size(); ++g) out.middleCols(first(g), width) = (*this)[g].seen;
+  }
+
+  /// Empties every seat and has `restart(e)` begin its first episode, as environment `from` + e of the whole task. With
+  /// `ages`, each keeps a random number of its steps, from one to all, as if it had begun at another time.
+  template <class F>
+  void reset(std::uint64_t seed, std::int64_t from, bool ages, F&& restart) {
+    for (Eigen::Index e = 0; e < environments(); ++e) {
+      auto& s = seat(e);
+      s = {};
+      restart(e);
+      if (!ages) continue;
+      core::RandomStream random(seed, static_cast<std::uint64_t>(from + e), age_step);
+      s.left = 1 + static_cast<int>(random.uniform() * (s.left - 1));
+    }
+  }
+
+ private:
+  // No episode has this number.
+  static constexpr std::uint64_t age_step = ~std::uint64_t{0};
+
+  std::string where_;
+  std::vector<std::unique_ptr<Group>> groups_;
+};
 
 }  // namespace traceur::learn

@@ -72,9 +72,6 @@ class Locomotion {
         features_(model.character.skeleton, end_effectors(model, roles)),
         transitions_(model.character, features_, motions_, settings.history),
         history_(features_.size(), settings.history, std::max<Eigen::Index>(1, environments)) {
-    if (environments < 1 || environments % width != 0)
-      throw Error("locomotion: expected a positive multiple of " + std::to_string(width) + " environments, got " +
-                  std::to_string(environments));
     for (const ReferenceMotion& m : motions_)
       if (std::abs(m.tick * settings_.control_hz - 1) > 1e-9) throw Error("locomotion: motion '" + m.name + "' has other ticks");
     settings_.task.check();
@@ -82,15 +79,14 @@ class Locomotion {
     for (const int h : roles.head) head_.push_back(static_cast<std::size_t>(model.bodies[static_cast<std::size_t>(h)].joint));
     rest_ = mean_pose();
     for (const double x : rest_) rest_lanes_.push_back(constant(x));
-    for (Eigen::Index g = 0; g < environments / width; ++g)
-      groups_.push_back(std::make_unique<Group>(model, settings_.simulation, ground_, extras, observations(), features_.size()));
+    groups_ = LaneGroups<Group>("locomotion", environments, model, settings_.simulation, ground_, extras, observations(), features_.size());
     reset(0);
   }
 
   Locomotion(const Locomotion&) = delete;
   Locomotion& operator=(const Locomotion&) = delete;
 
-  Eigen::Index environments() const noexcept { return static_cast<Eigen::Index>(groups_.size()) * width; }
+  Eigen::Index environments() const noexcept { return groups_.environments(); }
   Eigen::Index observations() const noexcept { return CharacterObservation::size(model_->character.skeleton) + TargetSpeed::observations; }
   Eigen::Index actions() const noexcept { return model_->nv - 6; }
   /// Numbers in the history that a discriminator reads.
@@ -100,58 +96,39 @@ class Locomotion {
 
   const std::vector<ReferenceMotion>& motions() const noexcept { return motions_; }
   const LocomotionSettings& settings() const noexcept { return settings_; }
-  const sim::Lanes<S>& lanes(Eigen::Index environment) const noexcept { return group(environment).lanes; }
-  const MovingGoal& goal(Eigen::Index environment) const noexcept { return place(environment).goal; }
+  const sim::Lanes<S>& lanes(Eigen::Index environment) const noexcept { return groups_.of(environment).lanes; }
+  const MovingGoal& goal(Eigen::Index environment) const noexcept { return groups_.seat(environment).goal; }
   /// Asks an environment for something else from now on.
   void ask(Eigen::Index environment, const MovingGoal& goal) noexcept {
-    place(environment).goal = goal;
-    look(group(environment));
+    groups_.seat(environment).goal = goal;
+    look(groups_.of(environment));
   }
   /// Speed of the centre of mass along the goal's heading in the last step, m/s.
-  double speed(Eigen::Index environment) const noexcept { return place(environment).along; }
+  double speed(Eigen::Index environment) const noexcept { return groups_.seat(environment).along; }
   /// Steps that the episode of an environment may still last.
-  int steps_left(Eigen::Index environment) const noexcept { return place(environment).left; }
+  int steps_left(Eigen::Index environment) const noexcept { return groups_.seat(environment).left; }
   /// The pose (nq) that actions turn joints away from.
   const Eigen::VectorXd& rest_pose() const noexcept { return rest_; }
 
   /// Lets engines move the lanes, one for each `group_width()` environments; none: the bundled dynamics. Takes effect with
   /// the next `reset`. Throws Error when there are too few, or one is for another character.
-  void use(std::vector<std::shared_ptr<control::Engine<S>>> engines) {
-    std::vector<LaneGroup<S>*> groups;
-    for (const auto& g : groups_) groups.push_back(g.get());
-    use_engines<S>("locomotion", groups, engines);
-  }
+  void use(const std::vector<std::shared_ptr<control::Engine<S>>>& engines) { groups_.use(engines); }
   static constexpr int group_width() { return width; }
 
   void reset(std::uint64_t seed) {
     seed_ = seed;
-    for (Eigen::Index e = 0; e < environments(); ++e) {
-      Seat& s = place(e);
-      s = Seat{};
-      restart(e);
-      if (!settings_.spread_ages) continue;
-      core::RandomStream random(seed_, stream_of(e), age_step);
-      s.left = 1 + static_cast<int>(random.uniform() * (s.left - 1));
-    }
+    groups_.reset(seed, settings_.first_environment, settings_.spread_ages, [&](Eigen::Index e) { restart(e); });
   }
 
-  void observe(Columns<float> out) const noexcept {
-    for (std::size_t g = 0; g < groups_.size(); ++g) out.middleCols(static_cast<Eigen::Index>(g) * width, width) = groups_[g]->seen;
-  }
+  void observe(Columns<float> out) const noexcept { groups_.observe(out); }
   /// The histories up to the state that `observe` shows, `style_features()` x environments.
   void observe_style(Columns<float> out) const noexcept { out = history_.columns(); }
 
   void step(ConstColumns<float> actions, StepResult<float>& result) noexcept {
-    executor_->run(static_cast<int>(groups_.size()), [&](int g) {
-      Group& of = *groups_[static_cast<std::size_t>(g)];
-      const Eigen::Index first = static_cast<Eigen::Index>(g) * width;
-      const S scale = constant(settings_.action_scale);
-      const float limit = static_cast<float>(settings_.action_limit);
-      of.turn_targets(rest_lanes_.data(), [&](int i) {
-        S a = constant(0);
-        for (int lane = 0; lane < width; ++lane) core::set_lane(a, lane, static_cast<T>(std::clamp(actions(i, first + lane), -limit, limit)));
-        return S(scale * a);
-      });
+    executor_->run(groups_.size(), [&](int g) {
+      Group& of = groups_[g];
+      const Eigen::Index first = groups_.first(g);
+      of.turn_targets(rest_lanes_.data(), actions, first, settings_.action_scale, settings_.action_limit);
       of.advance(1 / settings_.control_hz, settings_.steps_per_control);
       of.measure();
       judge(of, result, first);
@@ -163,7 +140,7 @@ class Locomotion {
   }
 
   void restart(Eigen::Index environment) noexcept {
-    Seat& s = place(environment);
+    Seat& s = groups_.seat(environment);
     core::RandomStream random(seed_, stream_of(environment), s.episode++ << goal_bits);
     const auto number = settings_.first_environment + environment;
     const auto all = settings_.all_environments > 0 ? settings_.all_environments : environments();
@@ -188,8 +165,8 @@ class Locomotion {
       s.goal.heading = facing;
     }
     s.left = std::max(1, static_cast<int>(std::lround(settings_.episode_s * settings_.control_hz)));
-    Group& g = group(environment);
-    const int lane = static_cast<int>(environment % width);
+    Group& g = groups_.of(environment);
+    const int lane = groups_.lane(environment);
     g.place(lane, m.poses.col(tick).data(), m.velocities.col(tick).data());
     history_.fill(environment, transitions_.history(motion, tick));
     g.measure();
@@ -199,7 +176,6 @@ class Locomotion {
   }
 
  private:
-  static constexpr std::uint64_t age_step = ~std::uint64_t{0};
   static constexpr int goal_bits = 16;
 
   struct Seat {
@@ -208,21 +184,16 @@ class Locomotion {
     MovingGoal goal;
     double along = 0;  ///< m/s
   };
-  struct Group : LaneGroup<S> {
-    std::array<Seat, static_cast<std::size_t>(width)> seats;
+  struct Group : SeatedGroup<S, Seat> {
     Eigen::MatrixXf style;  ///< features of the newest step
 
     Group(const sim::Model& of, const sim::Parameters& p, const sim::Ground<T>& ground, const sim::Extras& extras, Eigen::Index observed,
           Eigen::Index features)
-        : LaneGroup<S>(of, p, ground, extras, observed), style(Eigen::MatrixXf::Zero(features, width)) {}
+        : SeatedGroup<S, Seat>(of, p, ground, extras, observed), style(Eigen::MatrixXf::Zero(features, width)) {}
   };
 
   static S constant(double x) { return S(static_cast<T>(x)); }
   std::uint64_t stream_of(Eigen::Index e) const noexcept { return static_cast<std::uint64_t>(settings_.first_environment + e); }
-  Group& group(Eigen::Index e) { return *groups_[static_cast<std::size_t>(e / width)]; }
-  const Group& group(Eigen::Index e) const { return *groups_[static_cast<std::size_t>(e / width)]; }
-  Seat& place(Eigen::Index e) { return group(e).seats[static_cast<std::size_t>(e % width)]; }
-  const Seat& place(Eigen::Index e) const { return group(e).seats[static_cast<std::size_t>(e % width)]; }
 
   static float heading_of(const ReferenceMotion& m, int tick) noexcept {
     const auto q = core::Quaternion<float>::from(m.poses.col(tick).data() + 3);
@@ -318,7 +289,7 @@ class Locomotion {
   FeatureHistory history_;
   Eigen::VectorXd rest_;
   std::vector<S> rest_lanes_;
-  std::vector<std::unique_ptr<Group>> groups_;
+  LaneGroups<Group> groups_;
   std::uint64_t seed_ = 0;
 };
 

@@ -89,25 +89,19 @@ class Tracking {
         priorities_(std::max(1, static_cast<int>(motions_.size()))),
         reward_(model.character.skeleton, end_effectors(model, roles), settings.reward) {
     if (motions_.empty()) throw Error("tracking: expected a motion");
-    if (environments < 1 || environments % width != 0)
-      throw Error("tracking: expected a positive multiple of " + std::to_string(width) + " environments, got " +
-                  std::to_string(environments));
     for (const ReferenceMotion& m : motions_) {
       if (m.poses.rows() != model.nq) throw Error("tracking: motion '" + m.name + "' is of another character");
       if (std::abs(m.tick * settings_.control_hz - 1) > 1e-9) throw Error("tracking: motion '" + m.name + "' has other ticks");
     }
     settings_.simulation.dt = 1 / (settings_.control_hz * settings_.steps_per_control);
-    const auto groups = static_cast<std::size_t>(environments / width);
-    groups_.reserve(groups);
-    for (std::size_t g = 0; g < groups; ++g)
-      groups_.push_back(std::make_unique<Group>(model, settings_.simulation, ground_, extras, observations()));
+    groups_ = LaneGroups<Group>("tracking", environments, model, settings_.simulation, ground_, extras, observations());
     reset(0);
   }
 
   Tracking(const Tracking&) = delete;
   Tracking& operator=(const Tracking&) = delete;
 
-  Eigen::Index environments() const noexcept { return static_cast<Eigen::Index>(groups_.size()) * width; }
+  Eigen::Index environments() const noexcept { return groups_.environments(); }
   Eigen::Index observations() const noexcept {
     const Eigen::Index joints = model_->nv - 6;
     return 13 + 2 * joints + 3 * (model_->character.skeleton.size() - 1) + 8 + 2 * (9 + joints);
@@ -116,25 +110,25 @@ class Tracking {
 
   const std::vector<ReferenceMotion>& motions() const { return motions_; }
   const TrackingSettings& settings() const { return settings_; }
-  const sim::Lanes<S>& lanes(Eigen::Index environment) const { return group(environment).lanes; }
+  const sim::Lanes<S>& lanes(Eigen::Index environment) const { return groups_.of(environment).lanes; }
   /// The tick of its motion that an environment is at, and how far its reference was moved (m).
-  int tick(Eigen::Index environment) const { return place(environment).tick; }
-  int motion(Eigen::Index environment) const { return place(environment).motion; }
-  std::array<float, 2> shift(Eigen::Index environment) const { return place(environment).shift; }
+  int tick(Eigen::Index environment) const { return groups_.seat(environment).tick; }
+  int motion(Eigen::Index environment) const { return groups_.seat(environment).motion; }
+  std::array<float, 2> shift(Eigen::Index environment) const { return groups_.seat(environment).shift; }
 
   /// How the last step ended the episode of an environment, if it did, and how far the joints were from the reference then,
   /// on average, m.
-  TrackingEnd ending(Eigen::Index environment) const { return place(environment).ending; }
-  double joint_error(Eigen::Index environment) const { return place(environment).joint_error; }
+  TrackingEnd ending(Eigen::Index environment) const { return groups_.seat(environment).ending; }
+  double joint_error(Eigen::Index environment) const { return groups_.seat(environment).joint_error; }
   /// Steps that the episode of an environment may still last.
-  int steps_left(Eigen::Index environment) const { return place(environment).left; }
+  int steps_left(Eigen::Index environment) const { return groups_.seat(environment).left; }
   /// Which motions fail, and so are begun more often. All there is to save beside the policy.
   PrioritizedClips& priorities() { return priorities_; }
 
   /// What the others of a task that is shared out must know of an episode's end: which motion, and whether it failed; -1
   /// while it goes on. `witness` takes it in, in the place of a `restart` that happens elsewhere.
   std::int32_t outcome(Eigen::Index environment) const noexcept {
-    const Seat& s = place(environment);
+    const Seat& s = groups_.seat(environment);
     return s.ending == TrackingEnd::running ? -1 : 2 * s.motion + (s.ending != TrackingEnd::completed ? 1 : 0);
   }
   void witness(std::int32_t outcome) noexcept {
@@ -143,33 +137,20 @@ class Tracking {
 
   /// Lets engines move the lanes, one for each `group_width()` environments; none: the bundled dynamics. Takes effect with
   /// the next `reset`. Throws Error when there are too few, or one is for another character.
-  void use(std::vector<std::shared_ptr<control::Engine<S>>> engines) {
-    std::vector<LaneGroup<S>*> groups;
-    for (const auto& g : groups_) groups.push_back(g.get());
-    use_engines<S>("tracking", groups, engines);
-  }
+  void use(const std::vector<std::shared_ptr<control::Engine<S>>>& engines) { groups_.use(engines); }
   static constexpr int group_width() { return width; }
 
   void reset(std::uint64_t seed) {
     seed_ = seed;
-    for (Eigen::Index e = 0; e < environments(); ++e) {
-      Seat& s = place(e);
-      s = Seat{};
-      restart(e);
-      if (!settings_.spread_ages) continue;
-      core::RandomStream random(seed_, stream_of(e), age_step);
-      s.left = 1 + static_cast<int>(random.uniform() * (s.left - 1));
-    }
+    groups_.reset(seed, settings_.first_environment, settings_.spread_ages, [&](Eigen::Index e) { restart(e); });
   }
 
-  void observe(Columns<float> out) const noexcept {
-    for (std::size_t g = 0; g < groups_.size(); ++g) out.middleCols(static_cast<Eigen::Index>(g) * width, width) = groups_[g]->seen;
-  }
+  void observe(Columns<float> out) const noexcept { groups_.observe(out); }
 
   void step(ConstColumns<float> actions, StepResult<float>& result) noexcept {
-    executor_->run(static_cast<int>(groups_.size()), [&](int g) {
-      Group& of = *groups_[static_cast<std::size_t>(g)];
-      const Eigen::Index first = static_cast<Eigen::Index>(g) * width;
+    executor_->run(groups_.size(), [&](int g) {
+      Group& of = groups_[g];
+      const Eigen::Index first = groups_.first(g);
       act(of, actions, first);
       of.advance(1 / settings_.control_hz, settings_.steps_per_control);
       judge(of, result, first);
@@ -178,7 +159,7 @@ class Tracking {
   }
 
   void restart(Eigen::Index environment) noexcept {
-    Seat& s = place(environment);
+    Seat& s = groups_.seat(environment);
     core::RandomStream random(seed_, stream_of(environment), s.episode++);
     witness(outcome(environment));
     s.ending = TrackingEnd::running;
@@ -197,15 +178,13 @@ class Tracking {
     }
     s.shift = {0, 0};
     s.left = length(s);
-    Group& g = group(environment);
-    g.place(static_cast<int>(environment % width), m.poses.col(s.tick).data(), m.velocities.col(s.tick).data());
+    Group& g = groups_.of(environment);
+    g.place(groups_.lane(environment), m.poses.col(s.tick).data(), m.velocities.col(s.tick).data());
     g.measure();
     look(g);
   }
 
  private:
-  static constexpr std::uint64_t age_step = ~std::uint64_t{0};
-
   /// One lane's place in its motion.
   struct Seat {
     int motion = 0, tick = 0, left = 0;
@@ -214,14 +193,13 @@ class Tracking {
     TrackingEnd ending = TrackingEnd::running;
     double joint_error = 0;  ///< m
   };
-  struct Group : LaneGroup<S> {
-    std::array<Seat, static_cast<std::size_t>(width)> seats;
+  struct Group : SeatedGroup<S, Seat> {
     TrackingState<S> reference;
     std::vector<S> ahead;  ///< a pose
     std::vector<S> contacts, reference_contacts;
 
     Group(const sim::Model& of, const sim::Parameters& p, const sim::Ground<T>& ground, const sim::Extras& extras, Eigen::Index observed)
-        : LaneGroup<S>(of, p, ground, extras, observed),
+        : SeatedGroup<S, Seat>(of, p, ground, extras, observed),
           reference(of.character),
           ahead(static_cast<std::size_t>(of.nq)),
           contacts(of.bodies.size()),
@@ -231,10 +209,6 @@ class Tracking {
   static S constant(double x) { return S(static_cast<T>(x)); }
 
   std::uint64_t stream_of(Eigen::Index e) const noexcept { return static_cast<std::uint64_t>(settings_.first_environment + e); }
-  Group& group(Eigen::Index e) { return *groups_[static_cast<std::size_t>(e / width)]; }
-  const Group& group(Eigen::Index e) const { return *groups_[static_cast<std::size_t>(e / width)]; }
-  Seat& place(Eigen::Index e) { return group(e).seats[static_cast<std::size_t>(e % width)]; }
-  const Seat& place(Eigen::Index e) const { return group(e).seats[static_cast<std::size_t>(e % width)]; }
   const ReferenceMotion& of(const Seat& s) const { return motions_[static_cast<std::size_t>(s.motion)]; }
   int length(const Seat& s) const {
     const ReferenceMotion& m = of(s);
@@ -265,15 +239,8 @@ class Tracking {
 
   void act(Group& g, ConstColumns<float> actions, Eigen::Index first) noexcept {
     gather(g, 1, g.ahead.data(), nullptr);
-    const S scale = constant(settings_.action_scale);
-    g.turn_targets(g.ahead.data(), [&](int i) {
-      S a = constant(0);
-      for (int lane = 0; lane < width; ++lane)
-        core::set_lane(a, lane, static_cast<T>(std::clamp(actions(i, first + lane), -limit(), limit())));
-      return S(scale * a);
-    });
+    g.turn_targets(g.ahead.data(), actions, first, settings_.action_scale, settings_.action_limit);
   }
-  float limit() const { return static_cast<float>(settings_.action_limit); }
 
   /// Moves the references on by a tick and tells what the step gave.
   void judge(Group& g, StepResult<float>& result, Eigen::Index first) noexcept {
@@ -392,7 +359,7 @@ class Tracking {
   E* executor_;
   PrioritizedClips priorities_;
   TrackingReward reward_;
-  std::vector<std::unique_ptr<Group>> groups_;
+  LaneGroups<Group> groups_;
   std::uint64_t seed_ = 0;
 };
 
