@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/learn/environment.hpp>
 
+#include <limits>
+
 #include <doctest/doctest.h>
 
 #include <traceur/learn/cart_pole.hpp>
 #include <traceur/learn/pendulum.hpp>
 
+using traceur::Error;
 using namespace traceur::learn;
 
 namespace {
@@ -50,4 +53,13 @@ TEST_CASE("a cleared result is plain steps of length one in which nothing is ear
     CHECK(result.duration[e] == 1);
     CHECK(result.end[e] == End::running);
   }
+}
+
+TEST_CASE("numbers that cannot be are refused by name") {
+  for (const double good : {0.0, 1e-300, 1e300}) CHECK_NOTHROW(detail::check_zero_or_more("ppo", "clip", good));
+  constexpr double inf = std::numeric_limits<double>::infinity();
+  for (const double bad : {-1e-300, inf, -inf, std::numeric_limits<double>::quiet_NaN()})
+    CHECK_THROWS_WITH_AS(detail::check_zero_or_more("ppo", "clip", bad), "ppo: clip must be zero or more", Error);
+  CHECK_NOTHROW(detail::check_at_least_one("ppo", "step", 1));
+  CHECK_THROWS_WITH_AS(detail::check_at_least_one("ppo", "step", 0), "ppo: expected at least one step, got 0", Error);
 }

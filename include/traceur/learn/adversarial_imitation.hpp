@@ -199,9 +199,7 @@ class AdversarialImitation {
   };
 
   static const AdversarialParameters& checked(const AdversarialParameters& p, Eigen::Index samples) {
-    const auto at_least_zero = [](const char* what, double x) {
-      if (!(x >= 0) || !std::isfinite(x)) throw Error(std::string("adversarial imitation: ") + what + " must be zero or more");
-    };
+    const auto at_least_zero = [](const char* what, double x) { detail::check_zero_or_more("adversarial imitation", what, x); };
     detail::check_at_least_one("adversarial imitation", "sample", samples);
     detail::check_at_least_one("adversarial imitation", "gradient step", p.minibatches);
     detail::check_at_least_one("adversarial imitation", "sample in a minibatch", p.minibatch);
@@ -212,7 +210,7 @@ class AdversarialImitation {
     at_least_zero("gradient_clip", p.gradient_clip);
     if (!(p.replay_share >= 0 && p.replay_share <= 1)) throw Error("adversarial imitation: replay_share must be in [0, 1]");
     if (!(p.style.least_doubt > 0 && p.style.least_doubt < 1)) throw Error("adversarial imitation: least_doubt must be between 0 and 1");
-    if (p.replay_kept < 0) throw Error("adversarial imitation: replay_kept must be zero or more");
+    at_least_zero("replay_kept", static_cast<double>(p.replay_kept));
     return p;
   }
 

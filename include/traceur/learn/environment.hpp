@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <string>
@@ -83,6 +84,11 @@ inline void check_at_least_one(const char* where, const char* what, Eigen::Index
   if (value < 1) {
     throw Error(std::string(where) + ": expected at least one " + what + ", got " + std::to_string(value));
   }
+}
+
+/// Throws Error unless `value` is zero or more and finite: `ppo: policy_rate must be zero or more`.
+inline void check_zero_or_more(const char* where, const char* what, double value) {
+  if (!(value >= 0) || !std::isfinite(value)) throw Error(std::string(where) + ": " + what + " must be zero or more");
 }
 
 }  // namespace detail

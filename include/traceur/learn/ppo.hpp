@@ -351,9 +351,7 @@ class Ppo {
     const auto share = [](const char* what, double number) {
       if (!(number >= 0 && number <= 1)) throw Error(std::string("ppo: ") + what + " must be in [0, 1]");
     };
-    const auto limit = [](const char* what, double number) {
-      if (!(number >= 0) || !std::isfinite(number)) throw Error(std::string("ppo: ") + what + " must be zero or more");
-    };
+    const auto limit = [](const char* what, double number) { detail::check_zero_or_more("ppo", what, number); };
     detail::check_at_least_one("ppo", "environment", environments);
     detail::check_at_least_one("ppo", "step", p.steps);
     detail::check_at_least_one("ppo", "epoch", p.epochs);
