@@ -3,7 +3,7 @@
 
 #include <cstdio>
 
-#include "../common/progress.hpp"
+#include "budget.hpp"
 #include "timing.hpp"
 #include "traceur/io/adversarial_file.hpp"
 #include "traceur/io/policy_file.hpp"
@@ -118,9 +118,7 @@ SpeedTraining train_speed(const Scene& scene, const Options& options, learn::Pro
   const sim::Ground<float> ground;
   const sim::Extras extras = extras_of(scene.model);
   learn::LocomotionSettings settings = settings_for(LocomotionStart::anywhere, options);
-  const int share = share_of(environments, processes);
-  settings.first_environment = processes.rank() * share;
-  settings.all_environments = environments;
+  const int share = take_share(settings, environments, processes);
   Movers envs(scene.model, scene.roles, scene.motions, share, settings, ground, extras, threads);
   Movers judge(scene.model, scene.roles, scene.motions, tests, settings_for(LocomotionStart::spread, options), ground, extras, threads);
   for (Movers* e : {&envs, &judge}) use_simulator(*e, scene, options);
@@ -135,20 +133,17 @@ SpeedTraining train_speed(const Scene& scene, const Options& options, learn::Pro
   }
   SpeedTraining& t = c.training;
   Timing timing(options.out, options.resume);
-  const auto samples = [&] { return static_cast<double>(ppo.samples()); };
   ppo.restore(c.ppo);
   const bool first = processes.rank() == 0;
   if (!options.resume && first) save(options, c);
-  example::ProgressLine line("learning, thousand samples", static_cast<int>(samples() / 1e3), static_cast<int>(options.samples / 1e3));
-  while (samples() < options.samples && !(options.minutes > 0 && learn::agreed(processes, timing.seconds()) > 60 * options.minutes)) {
+  Budget budget(options, ppo, timing, processes);
+  while (budget.goes_on()) {
     ppo.restore(c.ppo);
     SpeedMilestone m;
     double lived = 0;
     int ended = 0, updates = 0;
-    for (int k = 0; k < updates_in_block && samples() < options.samples; ++k, ++updates) {
+    for (int k = 0; k < updates_in_block && budget.samples_left(); ++k, ++updates) {
       const learn::AdversarialReport r = imitation.iterate(ppo, shared, envs.reference(), executor);
-      const double left = std::max(0.0, 1 - samples() / options.samples);
-      ppo.set_policy_rate(std::min(ppo.policy_rate(), ppo.parameters().most_policy_rate * std::clamp(left / 0.3, 0.02, 1.0)));
       m.divergence = r.ppo.divergence;
       m.explained_variance = r.ppo.explained_variance;
       m.policy_rate = r.ppo.policy_rate;
@@ -161,14 +156,13 @@ SpeedTraining train_speed(const Scene& scene, const Options& options, learn::Pro
       char text[160];
       std::snprintf(text, sizeof text, "task %.3f, style %.3f a step, told apart %.2f of real, %.2f of own, best score %.3f", r.task_reward,
                     r.style_reward, r.real_accuracy, r.fake_accuracy, t.best_score);
-      line.tell(static_cast<int>(samples() / 1e3), text);
-      if (learn::agreed(processes, example::interruption_asked())) throw example::Interrupted{};
+      budget.updated(text);
     }
     for (double* x : {&m.real_accuracy, &m.fake_accuracy, &m.style_reward, &m.task_reward}) *x /= std::max(1, updates);
     learn::Policy<float> policy = policy_of(ppo);
     const auto act = [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); };
     const learn::LocomotionEvaluation judged = learn::evaluate_locomotion(judge, test_seed, act)[0].result;
-    m.samples = samples();
+    m.samples = budget.samples();
     m.score = judged.normalized_return;
     m.speed_error = judged.speed_error_m_s;
     m.completed = judged.episodes > 0 ? static_cast<double>(judged.completed) / judged.episodes : 0;
@@ -182,14 +176,14 @@ SpeedTraining train_speed(const Scene& scene, const Options& options, learn::Pro
       t.best_score = m.score;
       c.best = policy;
     }
-    look_for_trouble(t, m.samples / options.samples, ppo.parameters().divergence_target);
+    look_for_trouble(t, budget.share(), ppo.parameters().divergence_target);
     c.ppo = ppo.state();
     c.style = imitation.state();
     if (!first) continue;
     save(options, c);
     timing.note(m.samples);
   }
-  t.samples = samples();
+  t.samples = budget.samples();
   t.wall_s = timing.seconds();
   return t;
 }

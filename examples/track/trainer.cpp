@@ -5,8 +5,8 @@
 #include <fstream>
 #include <sstream>
 
-#include "../common/progress.hpp"
 #include "../common/retargeting.hpp"
+#include "budget.hpp"
 #include "timing.hpp"
 #include "traceur/io/load_clip.hpp"
 #include "traceur/io/mjcf.hpp"
@@ -169,9 +169,7 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
   const sim::Ground<float> ground;
   const sim::Extras extras = extras_of(scene.model);
   learn::TrackingSettings settings = settings_for(TrackingStart::anywhere, options);
-  const int share = share_of(environments, processes);
-  settings.first_environment = processes.rank() * share;
-  settings.all_environments = environments;
+  const int share = take_share(settings, environments, processes);
   Environments envs(scene.model, scene.roles, scene.motions, share, settings, ground, extras, threads);
   Environments judge(scene.model, scene.roles, scene.motions, tests, settings_for(TrackingStart::spread, options), ground, extras, threads);
   for (Environments* e : {&envs, &judge}) use_simulator(*e, scene, options);
@@ -187,21 +185,17 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
   }
   Training& t = c.training;
   Timing timing(options.out, options.resume);
-  const auto samples = [&] { return static_cast<double>(ppo.samples()); };
   ppo.restore(c.ppo);
   const bool first = processes.rank() == 0;
   if (!options.resume && first) save(options, c);
-  example::ProgressLine line("learning, thousand samples", static_cast<int>(samples() / 1e3), static_cast<int>(options.samples / 1e3));
-  while (samples() < options.samples && !(options.minutes > 0 && learn::agreed(processes, timing.seconds()) > 60 * options.minutes)) {
+  Budget budget(options, ppo, timing, processes);
+  while (budget.goes_on()) {
     ppo.restore(c.ppo);
     Milestone m;
     double steps = 0;
     int ended = 0;
-    for (int k = 0; k < updates_in_block && samples() < options.samples; ++k) {
+    for (int k = 0; k < updates_in_block && budget.samples_left(); ++k) {
       const learn::PpoReport r = ppo.iterate(shared, executor);
-      // Steps grow small towards the end, where the policy of the last update is otherwise no better than its neighbours.
-      const double left = std::max(0.0, 1 - samples() / options.samples);
-      ppo.set_policy_rate(std::min(ppo.policy_rate(), ppo.parameters().most_policy_rate * std::clamp(left / 0.3, 0.02, 1.0)));
       m.divergence = r.divergence;
       m.explained_variance = r.explained_variance;
       m.policy_rate = r.policy_rate;
@@ -209,13 +203,12 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
       ended += r.terminated + r.timed_out;
       char text[96];
       std::snprintf(text, sizeof text, "reward %.3f a step, best return %.3f", r.reward, t.best_return);
-      line.tell(static_cast<int>(samples() / 1e3), text);
-      if (learn::agreed(processes, example::interruption_asked())) throw example::Interrupted{};
+      budget.updated(text);
     }
     learn::Policy<float> policy = policy_of(ppo);
     const auto act = [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); };
     m.normalized_return = mean_return(learn::evaluate_tracking(judge, test_seed, act));
-    m.samples = samples();
+    m.samples = budget.samples();
     m.episode_s = ended > 0 ? steps / ended / envs.settings().control_hz : 0;
     t.samples = m.samples;
     t.milestones.push_back(m);
@@ -223,14 +216,14 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
       t.best_return = m.normalized_return;
       c.best = policy;
     }
-    look_for_trouble(t, m.samples / options.samples, ppo.parameters().divergence_target);
+    look_for_trouble(t, budget.share(), ppo.parameters().divergence_target);
     c.ppo = ppo.state();
     c.priorities.assign(failure_rates.begin(), failure_rates.end());
     if (!first) continue;
     save(options, c);
     timing.note(m.samples);
   }
-  t.samples = samples();
+  t.samples = budget.samples();
   t.wall_s = timing.seconds();
   return t;
 }
