@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "results.hpp"
 
+#include <cstdio>
+
 #include "traceur/body/kinematics.hpp"
 #include "traceur/io/atomic_file.hpp"
+#include "traceur/io/safetensors.hpp"
 
 namespace example {
 
@@ -26,6 +29,46 @@ void check_writable(const fs::path& folder, const fs::path& file) {
   if (failure) throw Error(folder.string() + ": cannot be made: " + failure.message());
   if (!fs::exists(file) || fs::is_regular_file(file)) io::AtomicFile(file).write("");
   if (fs::is_directory(file)) throw Error(file.string() + ": is a folder; expected a file");
+}
+
+std::string rounded(double x, int digits) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.*f", digits, x);
+  return text;
+}
+
+int write_report(const fs::path& path, nlohmann::ordered_json report, double wall_s, const Ending& ending) {
+  report["wall_s"] = wall_s;
+  report["status"] = ending.status;
+  if (!ending.why.empty()) report["why"] = ending.why;
+  io::write_atomically(path, report.dump(2) + "\n");
+  std::printf("%s%s\nreport: %s\n", ending.status.c_str(), ending.why.empty() ? "" : (": " + ending.why).c_str(), path.string().c_str());
+  return ending.status == "done" ? 0 : 1;
+}
+
+Error not_written_by(const fs::path& path, const std::string& program) {
+  return Error(path.string() + ": expected what a run of " + program + " wrote");
+}
+
+nlohmann::ordered_json saved_arguments(const fs::path& path, const std::string& program) {
+  const io::Safetensors file = io::read_safetensors(path);
+  const auto found = file.metadata.find("arguments");
+  nlohmann::ordered_json json;
+  if (found != file.metadata.end()) json = nlohmann::ordered_json::parse(found->second, nullptr, false);
+  if (!json.is_object()) throw not_written_by(path, program);
+  return json;
+}
+
+io::ReplayTerrain replay_terrain(const terrain::HeightGrid& grid) {
+  io::ReplayTerrain t;
+  t.nx = grid.nx();
+  t.ny = grid.ny();
+  t.dx = static_cast<float>(grid.cell());
+  t.x0 = static_cast<float>(grid.center_x(0));
+  t.y0 = static_cast<float>(grid.center_y(0));
+  for (int j = 0; j < grid.ny(); ++j)
+    for (int i = 0; i < grid.nx(); ++i) t.heights.push_back(static_cast<float>(grid(i, j)));
+  return t;
 }
 
 io::ReplayCharacter replay_character(const body::Character& c) {

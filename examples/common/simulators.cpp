@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "simulators.hpp"
 
-#include "traceur/core/error.hpp"
-
 namespace example {
 
 std::vector<SimulatorChoice> simulators() {
@@ -26,17 +24,6 @@ std::vector<SimulatorChoice> simulators() {
   return all;
 }
 
-SimulatorChoice find_simulator(const std::string& name) {
-  std::string names;
-  for (const SimulatorChoice& s : simulators()) {
-    names += (names.empty() ? "" : ", ") + s.name;
-    if (s.name != name) continue;
-    if (s.package && !s.factory)
-      throw traceur::Error("--simulator " + name + ": not in this build; install " + s.package +
-                           " (Debian, Ubuntu) and build again");
-    return s;
-  }
-  throw traceur::Error("--simulator: expected one of " + names + ", got '" + name + "'");
-}
+SimulatorChoice find_simulator(const std::string& name) { return find_simulator(name, simulators()); }
 
 }  // namespace example

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "engines/plain.hpp"
+#include "traceur/core/error.hpp"
 
 namespace example {
 
@@ -17,7 +18,21 @@ struct SimulatorChoice {
 
 /// All choices, the default first.
 std::vector<SimulatorChoice> simulators();
-/// Throws traceur::Error when there is none of that name, or when it is not in this build.
+
+/// The choice of that name. Throws traceur::Error that tells the names there are, or which package an engine was built without.
+inline SimulatorChoice find_simulator(const std::string& name, const std::vector<SimulatorChoice>& choices) {
+  std::string names;
+  for (const SimulatorChoice& s : choices) {
+    names += (names.empty() ? "" : ", ") + s.name;
+    if (s.name != name) continue;
+    if (s.package && !s.factory)
+      throw traceur::Error("--simulator " + name + ": not in this build; install " + s.package +
+                           " (Debian, Ubuntu) and build again");
+    return s;
+  }
+  throw traceur::Error("--simulator: expected one of " + names + ", got '" + name + "'");
+}
+/// The same of all choices.
 SimulatorChoice find_simulator(const std::string& name);
 
 }  // namespace example

@@ -10,6 +10,7 @@
 //
 #include <cstdio>
 
+#include "../common/command_line.hpp"
 #include "../common/plot.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
@@ -25,14 +26,9 @@ namespace {
 
 using namespace generate;
 using namespace traceur;
+using example::rounded;
 using Json = nlohmann::ordered_json;
 using Facts = std::vector<std::pair<std::string, std::string>>;
-
-std::string rounded(double x, int digits) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*f", digits, x);
-  return text;
-}
 
 Json to_json(const Quality& q) {
   return Json{{"duration_s", q.seconds},
@@ -64,14 +60,7 @@ void write_replay(const std::filesystem::path& path, const Scene& scene, const C
   corrected.poses = example::replay_poses(skeleton, g.corrected.poses);
   raw.poses = example::replay_poses(skeleton, g.best.poses);
   replay.tracks = {corrected, raw};
-  const terrain::HeightGrid& t = course.ground;
-  replay.terrain.nx = t.nx();
-  replay.terrain.ny = t.ny();
-  replay.terrain.dx = static_cast<float>(t.cell());
-  replay.terrain.x0 = static_cast<float>(t.center_x(0));
-  replay.terrain.y0 = static_cast<float>(t.center_y(0));
-  for (int j = 0; j < t.ny(); ++j)
-    for (int i = 0; i < t.nx(); ++i) replay.terrain.heights.push_back(static_cast<float>(t(i, j)));
+  replay.terrain = example::replay_terrain(course.ground);
   io::write_replay(path, replay);
   std::printf("replay: %s\n", path.string().c_str());
 }
@@ -128,32 +117,10 @@ int run(const Options& o) {
   const Scene scene = load_scene(o);
   example::check_writable(o.out, o.report);
   Json report{{"program", "generate"}, {"version", core::version_string}, {"arguments", job_arguments(o)}, {"seed", o.seed}};
-  std::string status = "done", why;
-  try {
-    work(o, scene, report);
-  } catch (const example::Interrupted&) {
-    status = "interrupted";
-    why = "go on with: generate --resume " + o.out.string();
-  } catch (const std::exception& e) {
-    status = "failed";
-    why = e.what();
-  }
-  report["wall_s"] = clock.seconds();
-  report["status"] = status;
-  if (!why.empty()) report["why"] = why;
-  io::write_atomically(o.report, report.dump(2) + "\n");
-  std::printf("%s%s\nreport: %s\n", status.c_str(), why.empty() ? "" : (": " + why).c_str(), o.report.string().c_str());
-  return status == "done" ? 0 : 1;
+  const example::Ending ending = example::ending_of("generate --resume " + o.out.string(), [&] { work(o, scene, report); });
+  return example::write_report(o.report, report, clock.seconds(), ending);
 }
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  try {
-    const auto options = read_options(argc, argv);
-    return options ? run(*options) : 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "generate: %s\n", e.what());
-    return 2;
-  }
-}
+int main(int argc, char** argv) { return example::main_of("generate", argc, argv, generate::read_options, run); }

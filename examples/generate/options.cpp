@@ -5,7 +5,6 @@
 #include "../common/results.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
-#include "traceur/io/safetensors.hpp"
 
 namespace generate {
 
@@ -15,18 +14,9 @@ using example::absolute_path;
 
 namespace {
 
-/// What the run that wrote a file was asked for.
-Json saved_arguments(const fs::path& path) {
-  const traceur::io::Safetensors file = traceur::io::read_safetensors(path);
-  const auto found = file.metadata.find("arguments");
-  const Json json = found == file.metadata.end() ? Json() : Json::parse(found->second, nullptr, false);
-  if (!json.is_object()) throw traceur::Error(path.string() + ": expected what a run of generate wrote");
-  return json;
-}
-
 /// Takes what a generator was made with, and of a whole job the rest too.
 void take_over(Options& o, const fs::path& path, bool whole) {
-  const Json saved = saved_arguments(path);
+  const Json saved = example::saved_arguments(path, "generate");
   try {
     if (o.clips.empty())
       for (const Json& clip : saved.at("clips")) o.clips.emplace_back(clip.get<std::string>());
@@ -41,7 +31,7 @@ void take_over(Options& o, const fs::path& path, bool whole) {
     o.seed = saved.at("seed").get<std::uint64_t>();
     o.quick = saved.at("quick").get<bool>();
   } catch (const Json::exception&) {
-    throw traceur::Error(path.string() + ": expected what a run of generate wrote");
+    throw example::not_written_by(path, "generate");
   }
 }
 

@@ -13,6 +13,7 @@
 #include "options.hpp"
 #include "performer.hpp"
 #include "preparation.hpp"
+#include "../common/command_line.hpp"
 #include "../common/progress.hpp"
 #include "results.hpp"
 #include "traceur/core/error.hpp"
@@ -35,7 +36,9 @@ void test_and_show(const Options& options, const Scene& scene, Learned learned, 
   report.add(performer.test(learned.controller, measured), learned);
   const PushResult pushes = performer.push(learned.controller);
   report.add(pushes);
-  write_recording(options, scene, performer.record(learned.controller, 0.5 * pushes.tolerance_Ns[2]), report);
+  const Recording recording = performer.record(learned.controller, 0.5 * pushes.tolerance_Ns[2]);
+  report.add(recording);
+  write_recording(options, scene, recording, report);
 }
 
 /// Teaches the scene's character the prepared motion.
@@ -58,16 +61,10 @@ void learn(const Options& options, const Scene& scene, const Preparation& prepar
 
 /// Everything after the inputs are known to be good.
 template <class Work>
-int carry_out(Report& report, Work&& work) {
+int carry_out(const Options& options, Report& report, Work&& work) {
   const Clock clock;
-  try {
-    work();
-  } catch (const Interrupted&) {
-    report.interrupted();
-  } catch (const std::exception& e) {
-    report.failed(e.what());
-  }
-  return report.write(clock.seconds());
+  const Ending ending = ending_of("perform --resume " + options.out.string(), work);
+  return report.write(clock.seconds(), ending);
 }
 
 int run(const Options& options) {
@@ -92,24 +89,16 @@ int run(const Options& options) {
     if (!options.clip.empty() && preparation.motions.back().cyclic == given.controller.cyclic &&
         preparation.motions.back().measured.ticks >= given.controller.ticks())
       measured = &preparation.motions.back().measured;
-    return carry_out(report, [&] { test_and_show(options, scene, given, *measured, performer, report); });
+    return carry_out(options, report, [&] { test_and_show(options, scene, given, *measured, performer, report); });
   }
   const JobFolder folder(options.out);
   if (options.resume)
     folder.check(digest(scene, preparation));
   else
     folder.begin(job_arguments(options), digest(scene, preparation));
-  return carry_out(report, [&] { learn(options, scene, preparation, performer, report); });
+  return carry_out(options, report, [&] { learn(options, scene, preparation, performer, report); });
 }
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  try {
-    const auto options = read_options(argc, argv);
-    return options ? run(*options) : 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "perform: %s\n", e.what());
-    return 2;
-  }
-}
+int main(int argc, char** argv) { return example::main_of("perform", argc, argv, perform::read_options, run); }

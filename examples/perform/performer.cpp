@@ -2,6 +2,7 @@
 #include "performer.hpp"
 
 #include "../common/progress.hpp"
+#include "sole_slide.hpp"
 #include "traceur/control/make_controller.hpp"
 
 namespace perform {
@@ -389,6 +390,7 @@ Recording Performer::record(const control::Controller& c, double push_Ns) {
   Recording out;
   const sim::Model& model = scene_.model;
   std::vector<Eigen::VectorXd> poses, references;
+  SoleSlide slide(model, scene_.roles, ground_);
   const auto observe = [&](int tick, const sim::Lanes<Lane>& lanes) {
     Eigen::VectorXd q(model.nq);
     for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
@@ -397,6 +399,7 @@ Recording Performer::record(const control::Controller& c, double push_Ns) {
     references.push_back(reference_pose(c, tick + 1));
     body::Frames<double> frames(model.character.skeleton);
     body::forward_kinematics(model.character.skeleton, q.data(), frames);
+    slide.add(frames, c.tick, [&](int b) { return norm(lane_vector(lanes.body_force()[static_cast<std::size_t>(b)], 0)); });
     std::vector<Recording::Contact> contacts;
     for (std::size_t b = 0; b < model.bodies.size(); ++b) {
       const sim::MovingBody& m = model.bodies[b];
@@ -432,6 +435,7 @@ Recording Performer::record(const control::Controller& c, double push_Ns) {
   };
   runners[0].run(
       c, e, 1, [&](int) { return c.law.data(); }, [](int) { return 0; }, [&](int) { return push; }, observe);
+  out.sole_slide_m_s = slide.mean();
   const auto keys = static_cast<Eigen::Index>(poses.size());
   out.clip.name = c.clip + ", simulated";
   out.clip.skeleton = model.character.skeleton;

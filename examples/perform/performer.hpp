@@ -53,6 +53,7 @@ struct Recording {
   std::vector<traceur::core::Vector3<double>> push_points;    ///< of each key, m
   std::vector<traceur::core::Vector3<double>> push_impulses;  ///< of each key, N s
   Eigen::MatrixXd reference;                                  ///< poses of the controller's reference at the same keys
+  double sole_slide_m_s = 0;                                  ///< mean speed of what touches of the soles, weighted by load
 };
 
 /// Learning done, or a controller that was read.

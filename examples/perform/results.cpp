@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "results.hpp"
 
-#include "../common/results.hpp"
-
 #include <algorithm>
 
 #include "traceur/core/version.hpp"
@@ -22,18 +20,6 @@ std::string rounded(double x, int digits, const char* unit) {
   char text[64];
   std::snprintf(text, sizeof text, "%.*f %s", digits, x, unit);
   return text;
-}
-
-io::ReplayTerrain replay_terrain(const terrain::HeightGrid& grid) {
-  io::ReplayTerrain t;
-  t.nx = grid.nx();
-  t.ny = grid.ny();
-  t.dx = static_cast<float>(grid.cell());
-  t.x0 = static_cast<float>(grid.center_x(0));
-  t.y0 = static_cast<float>(grid.center_y(0));
-  for (int j = 0; j < grid.ny(); ++j)
-    for (int i = 0; i < grid.nx(); ++i) t.heights.push_back(static_cast<float>(grid(i, j)));
-  return t;
 }
 
 }  // namespace
@@ -120,8 +106,7 @@ void Report::add(const TrialResult& t, const Learned& l) {
   if (cyclic)
     facts_.emplace_back("speed", rounded(t.mean_speed_m_s, 2, "m/s, ") + "clip " + rounded(t.clip_speed_m_s, 2, "m/s"));
   if (2 * t.survived < t.trials)
-    failed("the closed loop fell in " + std::to_string(t.trials - t.survived) + " of " + std::to_string(t.trials) +
-           " trials");
+    failed_test_ = "the closed loop fell in " + std::to_string(t.trials - t.survived) + " of " + std::to_string(t.trials) + " trials";
 }
 
 void Report::add(const PushResult& r) {
@@ -133,20 +118,15 @@ void Report::add(const PushResult& r) {
   facts_.emplace_back("pushes survived", rounded(*least, 0, "to ") + rounded(*most, 0, "N s, by direction"));
 }
 
-void Report::interrupted() {
-  interrupted_ = true;
-  failed("interrupted; go on with: perform --resume " + options_.out.string());
+void Report::add(const Recording& r) {
+  json_["sole_slide_m_s"] = r.sole_slide_m_s;
+  facts_.emplace_back("loaded soles slide", rounded(100 * r.sole_slide_m_s, 1, "cm/s"));
 }
 
-int Report::write(double wall_s) {
+int Report::write(double wall_s, Ending ending) {
   json_["simulated_s"] = simulated_s_;
-  json_["wall_s"] = wall_s;
-  json_["status"] = why_.empty() ? "done" : interrupted_ ? "interrupted" : "failed";
-  if (!why_.empty()) json_["why"] = why_;
-  io::write_atomically(options_.report, json_.dump(2) + "\n");
-  std::printf("%s%s\nreport: %s\n", json_["status"].get<std::string>().c_str(),
-              why_.empty() ? "" : (": " + why_).c_str(), options_.report.string().c_str());
-  return why_.empty() ? 0 : 1;
+  if (ending.status == "done" && !failed_test_.empty()) ending = {"failed", failed_test_};
+  return write_report(options_.report, json_, wall_s, ending);
 }
 
 void write_recording(const Options& options, const Scene& scene, const Recording& r, const Report& report) {

@@ -4,6 +4,7 @@
 #include <optional>
 #include <string>
 
+#include "../common/results.hpp"
 #include "performer.hpp"
 
 namespace perform {
@@ -19,11 +20,9 @@ public:
   void add_fine_tuning(const Learned& tuned);
   void add(const TrialResult& trials, const Learned& learned);
   void add(const PushResult& result);
-  /// A job that failed says why.
-  void failed(const std::string& why) { why_ = why; }
-  void interrupted();
-  /// Writes the report and returns the exit status.
-  int write(double wall_s);
+  void add(const Recording& recording);
+  /// Writes the report and returns the exit status: a job that got to its end may still have failed its test.
+  int write(double wall_s, example::Ending ending);
 
   /// The numbers that a viewer of the replay wants to see.
   const std::vector<std::pair<std::string, std::string>>& facts() const { return facts_; }
@@ -31,8 +30,7 @@ public:
 private:
   const Options& options_;
   nlohmann::ordered_json json_;
-  std::string why_;
-  bool interrupted_ = false;
+  std::string failed_test_;
   double simulated_s_ = 0;
   std::vector<std::pair<std::string, std::string>> facts_;
 };

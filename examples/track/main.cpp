@@ -14,6 +14,7 @@
 #include <cstdio>
 #include <thread>
 
+#include "../common/command_line.hpp"
 #include "../common/plot.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
@@ -30,6 +31,7 @@ namespace {
 
 using namespace track;
 using namespace traceur;
+using example::rounded;
 using Json = nlohmann::ordered_json;
 using Facts = std::vector<std::pair<std::string, std::string>>;
 namespace fs = std::filesystem;
@@ -38,12 +40,6 @@ Json to_json(const Evaluation& e) {
   return Json{{"normalized_return", e.normalized_return}, {"episodes", e.episodes}, {"completed", e.completed},
               {"fell", e.falls},                          {"drifted", e.drifts},    {"failed", e.failures},
               {"mean_joint_error_m", e.joint_error_m},    {"mean_episode_s", e.seconds}};
-}
-
-std::string rounded(double x, int digits) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.*f", digits, x);
-  return text;
 }
 
 void write_curves(const Options& o, const Training& t, const Facts& facts) {
@@ -223,47 +219,33 @@ int run(const Options& o) {
   const Scene scene = load_scene(o);
   if (first) example::check_writable(o.out, o.report);
   Json report{{"program", "track"}, {"version", core::version_string}, {"arguments", job_arguments(o)}, {"seed", o.seed}};
-  std::string status = "done", why;
   bool fault = false;
-  try {
-    if (o.task == "speed") {
-      do_speed(o, scene, *processes, report, why);
-    } else {
-      do_tracking(o, scene, *processes, report, why);
+  example::Ending ending = example::ending_of("track --resume " + o.out.string(), [&] {
+    std::string why;
+    try {
+      if (o.task == "speed") {
+        do_speed(o, scene, *processes, report, why);
+      } else {
+        do_tracking(o, scene, *processes, report, why);
+      }
+    } catch (const std::exception& e) {
+      fault = true;
+      // The others may wait for this process for ever. What all of them met is reported by the first, given the time.
+      if (!first) {
+        std::fprintf(stderr, "track: process %d: %s\n", processes->rank(), e.what());
+        std::this_thread::sleep_for(std::chrono::seconds(5));
+        processes->abort(1);
+      }
+      throw;
     }
-    if (!why.empty()) status = "failed";
-  } catch (const example::Interrupted&) {
-    status = "interrupted";
-    why = "go on with: track --resume " + o.out.string();
-  } catch (const std::exception& e) {
-    status = "failed";
-    why = e.what();
-    // The others may wait for this process for ever. What all of them met is reported by the first, given the time.
-    if (!first) {
-      std::fprintf(stderr, "track: process %d: %s\n", processes->rank(), e.what());
-      std::this_thread::sleep_for(std::chrono::seconds(5));
-      processes->abort(1);
-    }
-    fault = true;
-  }
-  if (!first) return status == "done" ? 0 : 1;
-  report["wall_s"] = clock.seconds();
-  report["status"] = status;
-  if (!why.empty()) report["why"] = why;
-  io::write_atomically(o.report, report.dump(2) + "\n");
-  std::printf("%s%s\nreport: %s\n", status.c_str(), why.empty() ? "" : (": " + why).c_str(), o.report.string().c_str());
+    if (!why.empty()) throw Error(why);
+  });
+  if (!first) return ending.status == "done" ? 0 : 1;
+  const int status = example::write_report(o.report, report, clock.seconds(), ending);
   if (fault && processes->size() > 1) processes->abort(1);
-  return status == "done" ? 0 : 1;
+  return status;
 }
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  try {
-    const auto options = read_options(argc, argv);
-    return options ? run(*options) : 0;
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "track: %s\n", e.what());
-    return 2;
-  }
-}
+int main(int argc, char** argv) { return example::main_of("track", argc, argv, track::read_options, run); }

@@ -6,7 +6,6 @@
 #include "../common/simulators.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
-#include "traceur/io/safetensors.hpp"
 
 namespace track {
 
@@ -16,17 +15,9 @@ using example::absolute_path;
 
 namespace {
 
-/// What the run that wrote a file was asked for.
-Json saved_arguments(const fs::path& path) {
-  const traceur::io::Safetensors file = traceur::io::read_safetensors(path);
-  const auto found = file.metadata.find("arguments");
-  const Json json = found == file.metadata.end() ? Json() : Json::parse(found->second, nullptr, false);
-  if (!json.is_object()) throw traceur::Error(path.string() + ": expected what a run of track wrote");
-  return json;
-}
-
 /// A policy may be shown on another simulator than it was learnt on.
-void take_over(Options& o, const Json& saved, const fs::path& path, bool simulator_given) {
+void take_over(Options& o, const fs::path& path, bool simulator_given) {
+  const Json saved = example::saved_arguments(path, "track");
   try {
     if (o.clips.empty())
       for (const Json& clip : saved.at("clips")) o.clips.emplace_back(clip.get<std::string>());
@@ -40,7 +31,7 @@ void take_over(Options& o, const Json& saved, const fs::path& path, bool simulat
     o.seed = saved.at("seed").get<std::uint64_t>();
     o.quick = o.quick || saved.at("quick").get<bool>();
   } catch (const Json::exception&) {
-    throw traceur::Error(path.string() + ": expected what a run of track wrote");
+    throw example::not_written_by(path, "track");
   }
 }
 
@@ -95,13 +86,9 @@ std::optional<Options> read_options(int argc, char** argv) {
                                 app.count("--reward") + app.count("--slowest") + app.count("--fastest") + app.count("--simulator") > 0)
       throw traceur::Error("--resume: the job knows its clips, task, samples, seed and folder; leave them out");
     o.out = resume;
-    take_over(o, saved_arguments(o.out / "checkpoint.safetensors"), o.out / "checkpoint.safetensors", false);
+    take_over(o, o.out / "checkpoint.safetensors", false);
   }
-  if (!o.play.empty()) {
-    const double minutes = o.minutes;
-    take_over(o, saved_arguments(o.play), o.play, app.count("--simulator") > 0);
-    o.minutes = minutes;
-  }
+  if (!o.play.empty()) take_over(o, o.play, app.count("--simulator") > 0);
   if (o.character.empty()) o.character = absolute_path(example::default_character());
   if (o.clips.empty()) throw traceur::Error("expected a CLIP (--help lists the options)");
   if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");

@@ -50,13 +50,7 @@ TEST_CASE("generate refuses bad arguments and bad files with one line and leaves
   const fs::path folder = fresh("generate", "refused"), out = folder / "out";
   std::ofstream(folder / "broken.safetensors") << "not a generator";
   const auto refused = [&](const std::string& arguments, const std::string& part) {
-    const Outcome o = generate(folder, arguments);
-    CAPTURE(arguments);
-    CAPTURE(o.err);
-    CHECK(o.status == 2);
-    CHECK(o.err.starts_with("generate: "));
-    CHECK(o.err.find(part) != std::string::npos);
-    CHECK(o.err.find('\n') == o.err.size() - 1);
+    examples_test::refused(program, folder, arguments, part);
     CHECK_FALSE(fs::exists(out));
   };
   refused("", "expected a CLIP");

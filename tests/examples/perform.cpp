@@ -79,14 +79,6 @@ constexpr EngineName engines[] = {
     },
 };
 
-/// Files in a folder, unfinished ones among them.
-int files_in(const fs::path& folder) {
-  int count = 0;
-  if (fs::exists(folder))
-    for (const auto& entry : fs::recursive_directory_iterator(folder)) count += entry.is_regular_file();
-  return count;
-}
-
 }  // namespace
 
 TEST_CASE(
@@ -105,7 +97,7 @@ TEST_CASE(
     CHECK(fs::exists(one / name));
   const auto report = report_of(one);
   for (const char* key : {"program", "version", "arguments", "clip", "duration_s", "cyclic", "retarget", "open_loop",
-                          "closed_loop", "push_Ns", "simulated_s", "wall_s", "seed", "status"})
+                          "closed_loop", "push_Ns", "sole_slide_m_s", "simulated_s", "wall_s", "seed", "status"})
     CHECK_MESSAGE(report.contains(key), key);
   CHECK(report["program"] == "perform");
   CHECK(report["status"] == "done");
@@ -205,16 +197,7 @@ TEST_CASE("perform: bad input is refused in one line that names the fault, and n
   const std::string good = text_of(clip);
 
   const auto refused = [&](const std::string& arguments, const std::string& named) {
-    CAPTURE(arguments);
-    const int before = files_in(folder);
-    const Outcome o = perform(folder, arguments);
-    CAPTURE(o.err);
-    CHECK(o.status == 2);
-    CHECK(o.err.rfind("perform: ", 0) == 0);
-    CHECK(std::count(o.err.begin(), o.err.end(), '\n') == 1);
-    CHECK_MESSAGE(o.err.find(named) != std::string::npos, named);
-    CHECK(files_in(out) == 0);
-    CHECK(files_in(folder) <= before + 2);  // what the shell kept of the output
+    examples_test::refused(program, folder, arguments, named);
   };
   const std::string to = " --quick --out " + out.string();
 

@@ -159,13 +159,7 @@ TEST_CASE("track refuses bad arguments and bad files with one line and leaves no
   std::ofstream(folder / "broken.safetensors") << "not a policy";
   std::ofstream(folder / "short.jsonl") << "{}\n";
   const auto refused = [&](const std::string& arguments, const std::string& part) {
-    const Outcome o = track(folder, arguments);
-    CAPTURE(arguments);
-    CAPTURE(o.err);
-    CHECK(o.status == 2);
-    CHECK(o.err.starts_with("track: "));
-    CHECK(o.err.find(part) != std::string::npos);
-    CHECK(o.err.find('\n') == o.err.size() - 1);
+    examples_test::refused(program, folder, arguments, part);
     CHECK_FALSE(fs::exists(out));
   };
   refused("", "expected a CLIP");
@@ -177,6 +171,7 @@ TEST_CASE("track refuses bad arguments and bad files with one line and leaves no
   refused("--resume " + (folder / "nowhere").string(), "checkpoint.safetensors");
   refused("--resume " + folder.string() + " --seed 4", "leave them out");
   refused(clip.string() + " --task fly --out " + out.string(), "--task");
-  refused(clip.string() + " --simulator dice --out " + out.string(), "--simulator");
+  for (const char* named : {"--simulator", "'dice'", "bundled", "mujoco", "dart", "ode", "bullet"})
+    refused(clip.string() + " --simulator dice --out " + out.string(), named);
   refused(clip.string() + " --task speed --slowest 3 --fastest 2 --out " + out.string(), "--fastest");
 }
