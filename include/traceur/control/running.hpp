@@ -43,6 +43,10 @@ struct RunningSettings {
   int cycles = 20;            ///< N_d
   double perturbation = 1;    ///< factor on `starts`
   Perturbation starts{0.15, 0.03};
+  bool either_foot = false;   ///< every other start begins on the other foot, in the mirror
+  double push = 0;            ///< at every step the root is pushed within a tick along x and y, each by up to so much
+                              ///< change of the whole body's velocity, m/s
+  RunningTask wander;         ///< at every step the reference's turn and speed are off the task's by up to so much
   double least_root = 0.55;   ///< a runner has fallen with its root lower than this, m,
   double most_tilt = 1.15;    ///< or tilted by more than this, rad
   StepFrequency frequency;    ///< c_f, c_v
@@ -102,7 +106,7 @@ public:
       const RunningStart first = RunningStart::make(*model_, *controller_, table.speed(), t.speed, e.perturbation, e.starts, e.seed,
                                                     e.stream, static_cast<std::uint64_t>(start(lane)));
       // Who turns to the right starts in the mirror, so that the mirrored control of a left turn makes the mirrored run.
-      const bool right = t.turn < 0;
+      const bool right = (t.turn < 0) != (e.either_foot && start(lane) % 2 != 0);
       put(lanes_, *model_, l, right ? first.mirrored(*model_, roles_) : first);
       follower_.forget(l);
       const core::Vector3<double>& origin = table.start_center();
@@ -111,6 +115,7 @@ public:
       p.alive = l < used;
       p.task = t;
       p.cycle_seconds = table.duration() * players_[k].beta();
+      p.random = core::RandomStream(e.seed, e.stream, static_cast<std::uint64_t>(start(lane)) + disturbances);
       p.frequency_error = std::abs(steps_per_cycle / p.cycle_seconds - e.frequency(t.speed));
       players_[k].steer(t.speed, steps_per_cycle * t.turn / p.cycle_seconds);
       out[k].record.wanted_seconds = e.cycles * p.cycle_seconds;
@@ -123,6 +128,8 @@ public:
     for (int l = 0; l < used; ++l) mark(progress[static_cast<std::size_t>(l)], l);
     int living = used;
     for (int n = 0; n < ticks && living > 0; ++n) {
+      if (e.push > 0 || e.wander.turn > 0 || e.wander.speed > 0)
+        for (int l = 0; l < width; ++l) disturb(progress[static_cast<std::size_t>(l)], l, n, e, steps_per_cycle);
       for (int l = 0; l < width; ++l) follower_.set(l, players_[static_cast<std::size_t>(l)]);
       follower_.act(lanes_);
       lanes_.step(controller_->steps_per_tick);
@@ -187,7 +194,24 @@ private:
     double x = 0, y = 0, course = 0;  ///< where the last cycle ended, and its direction of travel, rad
     double turn_sum = 0, speed_sum = 0;
     int ticks = 0;
+    int steps = 0;  ///< begun
+    core::RandomStream random{0, 0, 0};
   };
+  /// Numbers of starts are far below it.
+  static constexpr std::uint64_t disturbances = std::uint64_t{1} << 40;
+
+  /// At the beginning of a step pushes the root, and gives the reference another turn and speed.
+  void disturb(Progress& p, int l, int n, const RunningSettings& e, int steps_per_cycle) {
+    if (n * controller_->tick * steps_per_cycle < p.steps * p.cycle_seconds - 1e-9) return;
+    ++p.steps;
+    SkillPlayer& player = players_[static_cast<std::size_t>(l)];
+    const double turn = p.task.turn + e.wander.turn * p.random.uniform(-1.0, 1.0);
+    player.steer(p.task.speed + e.wander.speed * p.random.uniform(-1.0, 1.0), steps_per_cycle * turn / p.cycle_seconds);
+    const double force = e.push * model_->total_mass / controller_->tick;
+    const auto x = static_cast<T>(force * p.random.uniform(-1.0, 1.0)), y = static_cast<T>(force * p.random.uniform(-1.0, 1.0));
+    // It acts during the next call of step only, which is this tick's.
+    lanes_.push(l, 0, {x, y, T(0)}, core::Vector3<T>::zero());
+  }
 
   void mark(Progress& p, int l) {
     const auto& w = lanes_.work();

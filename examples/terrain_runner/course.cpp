@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: MIT
+#include "course.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "traceur/control/composition.hpp"
+#include "traceur/core/error.hpp"
+
+namespace terrain_runner {
+
+using namespace traceur;
+
+namespace {
+
+constexpr double cell = 0.5;             // m, of the ground along the way
+constexpr double slowest = 2.75, fastest = 4.5;  // m/s, what the planner may ask for
+constexpr double slower_than_balanced = 0.6;     // m/s below cruising: still coming back to balance
+constexpr double most_turn = 2 * std::numbers::pi / 180;  // rad per step, and over how far the way back to the middle leads,
+constexpr double lookahead = 10;                          // m
+
+}  // namespace
+
+double Course::height(double x) const { return ground.height(x, 0); }
+
+Course random_course(const CourseShape& shape, std::uint64_t seed, std::uint64_t number) {
+  core::RandomStream random(seed, 4000, number);
+  std::vector<double> edges, rises;
+  double x = 0;
+  for (int i = 0; i < shape.obstacles; ++i) {
+    x += std::round(random.uniform(shape.nearest, shape.farthest) / cell) * cell;
+    edges.push_back(x);
+    rises.push_back(random.uniform(shape.lowest, shape.highest));
+  }
+  const double before = 10;
+  const int cells = static_cast<int>((x + 2 * before) / cell) + 1;
+  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(cells, 1);
+  for (std::size_t i = 0; i < edges.size(); ++i) {
+    const int from = static_cast<int>(std::lround((edges[i] + before) / cell));
+    for (int k = from; k < cells; ++k) heights(k, 0) += rises[i];
+  }
+  return {edges, rises, terrain::HeightGrid(heights, cell, -before, 0)};
+}
+
+struct CourseRunner::Runner {
+  control::Composer composer;
+  control::Manoeuvre manoeuvre;
+  bool alive = false;
+  int next = 0;              ///< obstacle ahead
+  double floor = 0;          ///< height of the ground that is run on, m
+  double step_x = 0, step_seconds = 0, speed = 0;  ///< where the present step began, since when, and how fast the last was
+  bool clearing = false;
+};
+
+CourseRunner::CourseRunner(const Body& body, const RunningModel& running, const parameterize::Continuation& jump,
+                           const plan::StepLength<double>& length, const CourseSettings& settings)
+    : body_(body), running_(running), settings_(settings), jump_(jump.model()), planner_([&] {
+        plan::StepPlanner<double>::Parameters p;
+        p.length = length;
+        p.distance_weight = 4;
+        p.most_steps = 24;
+        return plan::StepPlanner<double>(p);
+      }()),
+      direction_{most_turn, lookahead}, exit_(running({0, body.leap_speed})) {
+  for (int n = 0; n < jump.node_count(); ++n)
+    if (jump.status(n) == parameterize::NodeStatus::solved) learned_heights_.push_back(jump.parameter(n)[0]);
+}
+
+void CourseRunner::decide(Runner& r, const Course& course, double x, double y, double speed_now) {
+  control::Composer& c = r.composer;
+  const double cruise = body_.leap_speed;
+  double speed = cruise;
+  // Straight ahead while balance comes back.
+  const bool balancing = c.stage() == control::RunStage::trans_out || r.speed < cruise - slower_than_balanced;
+  const double turn = balancing ? 0 : direction_.turn(c.player().frame().heading, 0, y);
+  if (balancing) speed = control::ExitSpeed{}(speed_now, cruise);
+  if (r.next < static_cast<int>(course.edges.size()) && c.stage() == control::RunStage::run) {
+    const auto k = static_cast<std::size_t>(r.next);
+    const double rise = course.rises[k], distance = course.edges[k] - x;
+    double known = rise;
+    if (!settings_.interpolation)
+      known = *std::min_element(learned_heights_.begin(), learned_heights_.end(),
+                                [&](double a, double b) { return std::abs(a - rise) < std::abs(b - rise); });
+    r.manoeuvre = body_.manoeuvre(jump_(Eigen::VectorXd::Constant(1, known)), rise, c.side());
+    if (!settings_.feedback) r.manoeuvre.control.head(body_.numbers.laws()).setZero();
+    const plan::Approach<double> approach{r.manoeuvre.distance, r.manoeuvre.speed_in};
+    const int steps = planner_.steps(distance, r.speed, approach);
+    if (steps <= 0) {
+      c.clear(r.manoeuvre, {0, course.edges[k], y, r.floor});
+      r.clearing = true;
+      return;
+    }
+    if (settings_.planner && !balancing) speed = std::clamp(planner_.plan(distance, r.speed, approach, steps).speeds[0], slowest, fastest);
+  }
+  c.step(running_({turn, speed}), speed, turn);
+}
+
+std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording) {
+  constexpr int width = core::lane_count<Lane>;
+  const sim::Model& model = *body_.model;
+  const int used = static_cast<int>(courses.size());
+  if (used < 1 || used > width) throw Error("course runner: expected 1 to " + std::to_string(width) + " courses");
+  const sim::Ground<float> flat;
+  sim::Lanes<Lane> lanes(model, body_.gait.simulation, flat);
+  control::Follower<Lane> follower(model, body_.roles, body_.wide.shape.law, body_.gait.limits);
+  std::vector<Runner> runners;
+  std::vector<CourseOutcome> out(courses.size());
+  const double tick = body_.gait.tick;
+  for (int l = 0; l < width; ++l) {
+    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, false, 0, 0, 0, 0, body_.leap_speed, false});
+    Runner& r = runners.back();
+    const auto k = static_cast<std::size_t>(std::min(l, used - 1));
+    lanes.set_place(l, sim::Ground<float>(courses[k].ground), nullptr);
+    const auto start = control::RunningStart::make(model, body_.gait, body_.wide.table.speed(), body_.leap_speed, 0.5,
+                                                   control::Perturbation{0.15, 0.03}, settings_.seed, 5000, first_number + k);
+    control::RunningTrials<Lane>::put(lanes, model, l, start);
+    const core::Vector3<double>& origin = body_.wide.table.start_center();
+    r.composer.set_exit(exit_);
+    r.composer.start(exit_, body_.leap_speed, {0, origin.x, origin.y, 0}, 0);
+    r.composer.step(exit_, body_.leap_speed, 0);
+    r.alive = l < used;
+    if (l < used) out[k].obstacles = static_cast<int>(courses[k].edges.size());
+  }
+  lanes.refresh();
+  int living = used;
+  const auto x_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.x, l)); };
+  const auto y_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.y, l)); };
+  for (int n = 0; living > 0; ++n) {
+    for (int l = 0; l < width; ++l) {
+      Runner& r = runners[static_cast<std::size_t>(l)];
+      const Course& course = courses[static_cast<std::size_t>(std::min(l, used - 1))];
+      if (r.composer.at_step()) {
+        if (r.step_seconds > 0.1) r.speed = (x_of(l) - r.step_x) / r.step_seconds;
+        r.step_x = x_of(l);
+        r.step_seconds = 0;
+        decide(r, course, x_of(l), y_of(l), core::lane_of(lanes.work().linear_momentum.x, l) / model.total_mass);
+      }
+      follower.set(l, r.composer.player());
+    }
+    follower.act(lanes);
+    lanes.step(body_.gait.steps_per_tick);
+    for (int l = 0; l < used; ++l) {
+      const auto k = static_cast<std::size_t>(l);
+      Runner& r = runners[k];
+      if (!r.alive) continue;
+      CourseOutcome& o = out[k];
+      const Course& course = courses[k];
+      r.composer.advance(tick, x_of(l), y_of(l));
+      r.step_seconds += tick;
+      o.seconds = (n + 1) * tick;
+      o.distance = x_of(l);
+      const double root = core::lane_of(lanes.q()[2], l), up = core::lane_of(lanes.work().bodies[0].rotation.zz, l);
+      const double under = course.height(core::lane_of(lanes.q()[0], l));
+      if (recording && l == 0) {
+        Eigen::VectorXd q(model.nq);
+        for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
+        body::normalize(model.character.skeleton, q.data());
+        recording->poses.push_back(q);
+        recording->stages.push_back(r.composer.stage());
+      }
+      if (r.clearing && r.composer.stage() == control::RunStage::trans_out) {
+        r.clearing = false;
+        r.floor += r.manoeuvre.rise;
+        ++r.next;
+      }
+      // An obstacle counts as cleared when the runner runs on as usual after it.
+      if (!r.clearing && r.composer.stage() == control::RunStage::run && o.cleared < r.next) o.cleared = r.next;
+      const bool lost = lanes.failed(l) || root < under + 0.5 || up < std::cos(1.15);
+      const bool passed = r.next == o.obstacles && o.cleared == o.obstacles && x_of(l) > course.edges.back() + 8;
+      const bool late = o.seconds > 30 + (course.edges.back() + 10) / 2.0;
+      if (!(lost || passed || late)) continue;
+      o.completed = passed;
+      if (!passed) {
+        const control::RunStage stage = r.composer.stage();
+        o.failure = late ? "did not get there"
+                    : lanes.failed(l) ? "simulation failed"
+                    : stage == control::RunStage::trans_in ? "fell in the step before a leap"
+                    : stage == control::RunStage::clear ? "fell in a leap"
+                    : stage == control::RunStage::trans_out ? "fell after a leap"
+                    : "fell while running";
+        o.failed_rise = course.rises[static_cast<std::size_t>(std::min(r.next, o.obstacles - 1))];
+        if (stage == control::RunStage::trans_out && r.next > 0) o.failed_rise = course.rises[static_cast<std::size_t>(r.next - 1)];
+      }
+      r.alive = false;
+      --living;
+    }
+  }
+  return out;
+}
+
+}  // namespace terrain_runner

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "skills.hpp"
+#include "trainer.hpp"
+#include "traceur/terrain/height_grid.hpp"
+
+namespace terrain_runner {
+
+/// Steps up across the way of a runner that starts at x = 0 and runs along +x.
+struct Course {
+  std::vector<double> edges;  ///< m
+  std::vector<double> rises;  ///< m
+  traceur::terrain::HeightGrid ground;
+
+  double height(double x) const;
+};
+
+struct CourseShape {
+  int obstacles = 10;
+  double lowest = 0.1, highest = 0.3;        ///< rises, m
+  double nearest = 15, farthest = 30;        ///< between edges, and before the first, m
+};
+
+Course random_course(const CourseShape& shape, std::uint64_t seed, std::uint64_t number);
+
+/// What of the system is used; all of it, unless an ablation asks for less.
+struct CourseSettings {
+  bool planner = true;       ///< else the runner keeps its speed and leaps when it is near enough
+  bool feedback = true;      ///< else leaps are done with no law at all
+  bool interpolation = true; ///< else the nearest learned height's leap is done
+  control::Composer::Settings composition;
+  std::uint64_t seed = 1;
+};
+
+/// How a runner fared.
+struct CourseOutcome {
+  int obstacles = 0, cleared = 0;
+  bool completed = false;
+  double seconds = 0, distance = 0;
+  std::string failure;       ///< in words; empty if there was none
+  double failed_rise = 0;    ///< of the step at which it failed, m
+};
+
+/// Poses of one runner tick by tick.
+struct CourseRecording {
+  std::vector<Eigen::VectorXd> poses;
+  std::vector<control::RunStage> stages;
+};
+
+/// Runs characters over courses of their own, one in each lane: a step-based planner (s6) chooses the speed and turn of every
+/// step and the moment to leap.
+class CourseRunner {
+public:
+  /// All must outlive it.
+  CourseRunner(const Body& body, const RunningModel& running, const traceur::parameterize::Continuation& jump,
+               const traceur::plan::StepLength<double>& length, const CourseSettings& settings);
+
+  /// As many courses as a pack has lanes, or fewer. What lane 0 does is recorded if asked for.
+  std::vector<CourseOutcome> run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording = nullptr);
+
+private:
+  struct Runner;
+  void decide(Runner& r, const Course& course, double x, double y, double speed_now);
+
+  const Body& body_;
+  const RunningModel& running_;
+  CourseSettings settings_;
+  traceur::parameterize::Rbf jump_;
+  std::vector<double> learned_heights_;
+  traceur::plan::StepPlanner<double> planner_;
+  traceur::plan::DirectionTracker<double> direction_;
+  Eigen::VectorXd exit_;
+};
+
+}  // namespace terrain_runner

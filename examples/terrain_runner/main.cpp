@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: MIT
+//
+// A simulated character runs over terrain (Liu, Yin, van de Panne and Guo 2012, "Terrain Runner").
+//
+//   train:  gait ── running ───────────── jump ──────────────────── skills
+//           (law,   (controls over        (transIn, clear and
+//           Eq. 8)  speed and turn, by    transOut, over heights,
+//                   continuation + RBF)   Eq. 10)
+//
+//   run:    at every step  planner ─ speed, turn ─ RBF ─ control ─┐
+//                             └─── leap now ─────── RBF ─ control ─┴ composition ─ laws ─ motors
+//
+// Figure 2 of the paper, and s6. The gait is a running controller, learned from one clip by `perform`.
+#include <cstdio>
+#include <map>
+
+#include <nlohmann/json.hpp>
+
+#include "../common/command_line.hpp"
+#include "../common/progress.hpp"
+#include "../common/results.hpp"
+#include "course.hpp"
+#include "options.hpp"
+#include "trainer.hpp"
+#include "traceur/core/error.hpp"
+#include "traceur/core/version.hpp"
+#include "traceur/io/controller_file.hpp"
+#include "traceur/io/mjcf.hpp"
+
+namespace {
+
+using namespace terrain_runner;
+using namespace traceur;
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+void say(const char* stage, const std::string& what) {
+  std::printf("%s: %s\n", stage, what.c_str());
+  std::fflush(stdout);
+}
+
+const char* name(parameterize::NodeStatus s) {
+  constexpr const char* names[] = {"untried", "solved", "extrapolated", "failed"};
+  return names[static_cast<std::size_t>(s)];
+}
+
+/// What playing needs, from learned skills.
+struct Player {
+  Body body;
+  RunningModel running;
+  plan::StepLength<double> length;
+
+  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, Trainer& trainer)
+      : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
+    body.leap_speed = body.narrow.table.speed();
+    body.add_leap(trainer.watch(body, running({0, body.leap_speed}), body.leap_speed));
+  }
+};
+
+Json to_json(const std::vector<NodeResult>& nodes, int trials) {
+  Json list = Json::array();
+  int stable = 0;
+  for (const NodeResult& n : nodes) {
+    stable += n.judgement.survived >= 0.95;
+    list.push_back({{"turn_deg_per_step", n.task.turn * 180 / std::numbers::pi},
+                    {"speed_m_s", n.task.speed},
+                    {"status", name(n.status)},
+                    {"survived", n.judgement.survived},
+                    {"as_asked", n.judgement.share},
+                    {"measured_speed_m_s", n.judgement.speed},
+                    {"measured_turn_deg_per_step", n.judgement.turn * 180 / std::numbers::pi},
+                    {"step_length_m", n.judgement.step_length}});
+  }
+  return {{"trials", trials}, {"nodes", list.size()}, {"stable_nodes", stable}, {"grid", list}};
+}
+
+/// `skills` is what there is already: of a new job, the gait that it begins with.
+void train(const Options& o, const sim::Model& model, const control::Roles& roles, Skills skills, Json& report) {
+  const Effort effort = Effort::of(o.quick, o.seed);
+  Trainer trainer(model, roles, effort, o.out, o.threads, say);
+  const example::Clock clock;
+  if (!o.resume) skills.gait = trainer.make_gait(skills.gait);
+  const double gait_s = clock.seconds();
+  skills.running = trainer.learn_running(skills.gait, std::move(skills.running));
+  const double running_s = clock.seconds();
+  const int trials = o.quick ? 4 : 16;
+  const std::vector<NodeResult> nodes = trainer.test_running(skills.gait, *skills.running, trials);
+  report["running"] = to_json(nodes, trials);
+  report["running"]["evaluations"] = skills.running->evaluations();
+  const auto length = trainer.step_length(nodes);
+  report["step_length"] = {{"slope_s", length.slope}, {"offset_m", length.offset}};
+  const double tested_s = clock.seconds();
+  Player player(model, roles, skills, trainer);
+  skills.jump = trainer.learn_jump(skills.gait, player.running, player.body, std::move(skills.jump));
+  report["jump"] = Json{{"evaluations", skills.jump->evaluations()}, {"heights", Json::array()}};
+  for (const JumpResult& j : trainer.test_jump(player.running, player.body, *skills.jump, effort.heights, o.quick ? 16 : 128)) {
+    report["jump"]["heights"].push_back({{"height_m", j.height}, {"trials", j.trials}, {"survived", j.survived}, {"cleared", j.cleared}, {"exit_speed_m_s", j.exit_speed}});
+    std::printf("jump %.2f m: %d of %d\n", j.height, j.cleared, j.trials);
+  }
+  report["wall_gait_s"] = gait_s;
+  report["wall_running_s"] = running_s - gait_s;
+  report["wall_jump_s"] = clock.seconds() - tested_s;
+}
+
+CourseSettings course_settings(const Options& o) {
+  CourseSettings s;
+  s.seed = o.seed;
+  s.planner = o.without != "planner";
+  s.feedback = o.without != "feedback";
+  s.interpolation = o.without != "interpolation";
+  s.composition.blend = o.without != "blending";
+  return s;
+}
+
+void write_recording(const Options& o, const sim::Model& model, const Course& course, const CourseRecording& r, const CourseOutcome& c,
+                     double tick) {
+  io::Replay replay;
+  replay.title = "Terrain Runner";
+  char text[120];
+  std::snprintf(text, sizeof text, "%d of %d, %.0f m in %.1f s", c.cleared, c.obstacles, c.distance, c.seconds);
+  replay.facts = {{"steps cleared", text}, {"seed", std::to_string(o.seed)}, {"failure", c.failure.empty() ? "none" : c.failure}};
+  replay.characters = {example::replay_character(model.character)};
+  io::ReplayTrack track;
+  track.name = "simulated";
+  track.fps = static_cast<float>(1 / tick);
+  Eigen::MatrixXd poses(model.nq, static_cast<Eigen::Index>(r.poses.size()));
+  for (Eigen::Index k = 0; k < poses.cols(); ++k) poses.col(k) = r.poses[static_cast<std::size_t>(k)];
+  track.poses = example::replay_poses(model.character.skeleton, poses);
+  replay.tracks = {track};
+  // The grid is one cell wide, which is too narrow a strip to look at.
+  const terrain::HeightGrid& g = course.ground;
+  constexpr int rows = 8;
+  Eigen::MatrixXd heights(g.nx(), rows);
+  for (int i = 0; i < g.nx(); ++i) heights.row(i).setConstant(g(i, 0));
+  replay.terrain = example::replay_terrain(terrain::HeightGrid(heights, g.cell(), g.center_x(0) - 0.5 * g.cell(), -0.5 * rows * g.cell()));
+  io::write_replay(o.out / "replay.html", replay);
+  std::printf("replay: %s\n", (o.out / "replay.html").string().c_str());
+}
+
+void play(const Options& o, const sim::Model& model, const control::Roles& roles, const Skills& skills, Json& report) {
+  Trainer trainer(model, roles, Effort::of(o.quick, o.seed), o.out, o.threads, say);
+  Player player(model, roles, skills, trainer);
+  const auto length = trainer.step_length(trainer.test_running(skills.gait, *skills.running, 4, 0));
+  const CourseRunner runner(player.body, player.running, *skills.jump, length, course_settings(o));
+  CourseShape shape;
+  shape.obstacles = o.obstacles;
+  shape.lowest = o.lowest;
+  shape.highest = o.highest;
+  if (o.command == Command::run) {
+    const Course course = random_course(shape, o.seed, 0);
+    CourseRecording recording;
+    const example::Clock clock;
+    CourseRunner one = runner;
+    const CourseOutcome c = one.run({course}, 0, &recording)[0];
+    report["cleared"] = c.cleared;
+    report["obstacles"] = c.obstacles;
+    report["completed"] = c.completed;
+    report["failure"] = c.failure;
+    report["distance_m"] = c.distance;
+    report["simulated_s"] = c.seconds;
+    report["real_time_factor"] = c.seconds / clock.seconds();
+    std::printf("%d of %d steps, %.0f m in %.1f s%s%s\n", c.cleared, c.obstacles, c.distance, c.seconds, c.failure.empty() ? "" : ": ", c.failure.c_str());
+    write_recording(o, model, course, recording, c, skills.gait.tick);
+    return;
+  }
+  constexpr int width = core::lane_count<Lane>;
+  const int groups = (o.courses + width - 1) / width;
+  std::vector<std::vector<CourseOutcome>> outcomes(static_cast<std::size_t>(groups));
+  core::ThreadExecutor executor(o.threads);
+  executor.run(groups, [&](int g, int) {
+    if (example::interruption_asked()) return;
+    std::vector<Course> courses;
+    for (int i = g * width; i < std::min(o.courses, (g + 1) * width); ++i) courses.push_back(random_course(shape, o.seed, static_cast<std::uint64_t>(i)));
+    CourseRunner mine = runner;
+    outcomes[static_cast<std::size_t>(g)] = mine.run(courses, static_cast<std::uint64_t>(g * width));
+  });
+  if (example::interruption_asked()) throw example::Interrupted{};
+  int completed = 0, met = 0, cleared = 0, all = 0;
+  std::map<std::string, int> failures;
+  Json falls = Json::array();
+  double seconds = 0;
+  for (const auto& group : outcomes)
+    for (const CourseOutcome& c : group) {
+      ++all;
+      completed += c.completed;
+      cleared += c.cleared;
+      // Of a course that failed, the steps behind were not met.
+      met += c.cleared + (c.completed ? 0 : 1);
+      seconds += c.seconds;
+      if (c.failure.empty()) continue;
+      ++failures[c.failure];
+      falls.push_back({{"course", all - 1}, {"what", c.failure}, {"cleared", c.cleared}, {"rise_m", c.failed_rise}, {"distance_m", c.distance}});
+    }
+  report["courses"] = all;
+  report["completed"] = completed;
+  report["obstacles_met"] = met;
+  report["obstacles_cleared"] = cleared;
+  report["failures"] = failures;
+  report["failed"] = falls;
+  report["without"] = o.without;
+  report["simulated_s"] = seconds;
+  std::printf("%d of %d courses completed, %d of %d steps cleared\n", completed, all, cleared, met);
+  for (const auto& [what, count] : failures) std::printf("  %s: %d\n", what.c_str(), count);
+}
+
+int carry_out(const Options& o) {
+  example::listen_for_interruption();
+  const example::Clock clock;
+  const sim::Model model = sim::make_model(io::read_mjcf(o.character));
+  const control::Roles roles = control::find_roles(model);
+  Skills skills;
+  if (o.command == Command::train) {
+    if (o.resume)
+      skills = read_skills(o.out, model, roles);
+    else
+      skills.gait = io::read_controller(o.gait, model, roles);
+  } else {
+    skills = read_skills(o.skills, model, roles);
+    if (!skills.running || !skills.jump) throw Error(o.skills.string() + ": expected running.txt and jump.txt; train writes them");
+  }
+  example::check_writable(o.out, o.report);
+  constexpr const char* commands[] = {"train", "run", "evaluate"};
+  Json report{{"program", "terrain_runner"}, {"version", core::version_string}, {"command", commands[static_cast<int>(o.command)]},
+              {"seed", o.seed}, {"quick", o.quick}};
+  const example::Ending ending = example::ending_of("terrain_runner train --resume " + o.out.string(), [&] {
+    if (o.command == Command::train)
+      train(o, model, roles, std::move(skills), report);
+    else
+      play(o, model, roles, skills, report);
+  });
+  return example::write_report(o.report, report, clock.seconds(), ending);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) { return example::main_of("terrain_runner", argc, argv, read_options, carry_out); }

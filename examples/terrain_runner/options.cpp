@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#include "options.hpp"
+
+#include "../common/command_line.hpp"
+#include "../common/results.hpp"
+#include "traceur/core/error.hpp"
+#include "traceur/core/version.hpp"
+
+namespace terrain_runner {
+
+namespace fs = std::filesystem;
+using example::absolute_path;
+
+std::optional<Options> read_options(int argc, char** argv) {
+  Options o;
+  fs::path resume;
+  CLI::App app(
+      "terrain_runner teaches a simulated character to run at any speed and turn and to leap up steps (train), sends it over a\n"
+      "random course (run), and over many (evaluate).",
+      "terrain_runner");
+  app.set_version_flag("--version", std::string(traceur::core::version_string));
+  app.require_subcommand(1);
+  CLI::App* train = app.add_subcommand("train", "learn the skills from a running controller");
+  CLI::App* run = app.add_subcommand("run", "run a course and write a replay");
+  CLI::App* evaluate = app.add_subcommand("evaluate", "run many courses and count");
+  train->add_option("GAIT", o.gait, "controller of a run, as perform --feedback small writes it (controller.json)")->type_name("FILE");
+  train->add_option("--resume", resume, "continue the interrupted job in this folder");
+  for (CLI::App* c : {run, evaluate}) {
+    c->add_option("SKILLS", o.skills, "folder that train wrote (default: the examples' own)")->type_name("DIR");
+    c->add_option("--obstacles", o.obstacles, "steps of a course (default 10)")->check(CLI::Range(1, 100));
+    c->add_option("--lowest", o.lowest, "lowest step, m (default 0.1)")->check(CLI::Range(0.05, 0.8));
+    c->add_option("--highest", o.highest, "highest step, m (default 0.3)")->check(CLI::Range(0.05, 0.8));
+  }
+  evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
+  evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, blending or interpolation")
+      ->check(CLI::IsMember({"planner", "feedback", "blending", "interpolation"}));
+  for (CLI::App* c : {train, run, evaluate}) {
+    c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
+    c->add_option("--out", o.out, "folder for the results");
+    c->add_option("--report", o.report, "report file, JSON (default: report.json in the --out folder)");
+    c->add_option("--seed", o.seed, "of all random numbers (default 1)");
+    c->add_option("--threads", o.threads, "number of threads, 0 for all (default); results do not depend on it")->check(CLI::Range(0, 1024));
+    c->add_flag("--quick", o.quick, "a run of under a minute, with less effort and poorer results");
+  }
+  if (!example::parse(app, argc, argv)) return std::nullopt;
+  o.command = train->parsed() ? Command::train : run->parsed() ? Command::run : Command::evaluate;
+  for (fs::path* p : {&o.gait, &o.skills, &o.character, &o.out, &o.report, &resume}) *p = absolute_path(*p);
+  if (!resume.empty()) {
+    if (!o.out.empty() || !o.gait.empty()) throw traceur::Error("--resume: the folder knows its gait; leave GAIT and --out out");
+    o.resume = true;
+    o.out = resume;
+  }
+  if (o.character.empty()) o.character = absolute_path(example::default_character());
+  if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");
+  if (o.report.empty()) o.report = o.out / "report.json";
+  if (o.highest < o.lowest) throw traceur::Error("--highest: expected no less than --lowest");
+  const fs::path own = absolute_path(example::default_character()).parent_path().parent_path() / "skills";
+  if (o.command == Command::train && o.gait.empty()) o.gait = own / "gait.json";
+  if (o.command != Command::train && o.skills.empty()) o.skills = own;
+  if (o.quick && o.command == Command::evaluate && evaluate->count("--courses") == 0) o.courses = 16;
+  return o;
+}
+
+}  // namespace terrain_runner

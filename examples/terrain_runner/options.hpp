@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace terrain_runner {
+
+enum class Command { train, run, evaluate };
+
+/// What the user asked for.
+struct Options {
+  Command command = Command::run;
+  std::filesystem::path gait;       ///< train: a running controller, as perform writes it
+  std::filesystem::path skills;     ///< run, evaluate: folder that train wrote
+  std::filesystem::path character;  ///< MJCF file
+  std::filesystem::path out;        ///< folder of all results
+  std::filesystem::path report;     ///< JSON; by default report.json in `out`
+  std::uint64_t seed = 1;
+  int threads = 0;  ///< 0: all
+  bool quick = false;
+  bool resume = false;
+  int courses = 100;    ///< evaluate
+  int obstacles = 10;   ///< of a course
+  double highest = 0.3, lowest = 0.1;  ///< steps, m
+  std::string without;  ///< evaluate: what to leave out: planner, feedback, blending or interpolation
+};
+
+/// Reads the command line. Returns nothing when help was asked for and printed. Throws traceur::Error that names the fault.
+std::optional<Options> read_options(int argc, char** argv);
+
+}  // namespace terrain_runner

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "../common/lane.hpp"
+#include "skills.hpp"
+#include "traceur/control/clearing.hpp"
+#include "traceur/control/running_search.hpp"
+#include "traceur/core/executor.hpp"
+
+namespace terrain_runner {
+
+using example::Lane;
+
+/// How much is spent on each stage.
+struct Effort {
+  control::RunningSearch gait, running;  ///< searches for the gait and for each node of the running range
+  std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
+  std::vector<double> heights;           ///< nodes of the jump, m
+  control::ClearingSettings clearing;    ///< trials of the jump
+  int jump_population = 32, jump_starts = 4, jump_generations = 80, jump_trials = 32;
+  double first_height = 0.2;             ///< m, one of the heights: where the leap is learned from nothing
+  int first_jump_generations = 250;
+  double jump_good_cost = 0.8;           ///< with which a search ends early if all its trials clear the step
+  double jump_sigma = 0.4;               ///< first standard deviation, in units of the search's scales
+  double jump_share = 0.8;               ///< of trials that must clear the step and run on
+  int max_attempts = 2;
+
+  static Effort of(bool quick, std::uint64_t seed);
+};
+
+/// How well one node of the running range is done, on starts that learning never saw.
+struct NodeResult {
+  control::RunningTask task;
+  traceur::parameterize::NodeStatus status{};
+  control::RunningJudgement judgement;
+};
+
+/// How well a jump is done, likewise.
+struct JumpResult {
+  double height = 0;
+  int trials = 0, survived = 0, cleared = 0;
+  double exit_speed = 0;
+};
+
+/// Learns the skills one stage after the other. Each takes up what its file holds; after every round of work it saves.
+class Trainer {
+public:
+  using Progress = std::function<void(const char* stage, const std::string& what)>;
+
+  Trainer(const sim::Model& model, const control::Roles& roles, const Effort& effort, std::filesystem::path folder, int threads,
+          Progress progress);
+
+  /// Makes the law good for Eq. 8 and resets the reference to the simulated motion.
+  control::Controller make_gait(const control::Controller& from);
+  /// Spreads the gait over speeds and turns.
+  traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
+  /// Spreads the leap over heights.
+  traceur::parameterize::Continuation learn_jump(const control::Controller& gait, const RunningModel& running, Body& body,
+                                                 std::optional<traceur::parameterize::Continuation> from);
+
+  /// At nodes with turns of at most `most_turn` degrees per step, to either side.
+  std::vector<NodeResult> test_running(const control::Controller& gait, const traceur::parameterize::Continuation& c, int trials,
+                                       double most_turn = 90, bool disturbed = false);
+  std::vector<JumpResult> test_jump(const RunningModel& running, const Body& body, const traceur::parameterize::Continuation& c,
+                                    const std::vector<double>& heights, int trials, const control::Composer::Settings& composition = {});
+  /// Step length against speed over the nodes that were done.
+  traceur::plan::StepLength<double> step_length(const std::vector<NodeResult>& nodes) const;
+
+  /// Where the feet are on the ground, and states in which leaps begin.
+  GaitEvents watch(const Body& body, const Eigen::VectorXd& control, double speed);
+  std::vector<control::RunningState> states(const Body& body, const Eigen::VectorXd& control, double speed, std::uint64_t stream);
+
+private:
+  const sim::Model& model_;
+  control::Roles roles_;
+  Effort effort_;
+  std::filesystem::path folder_;
+  traceur::core::ThreadExecutor executor_;
+  Progress progress_;
+  sim::Ground<float> flat_;
+};
+
+/// Ground that rises by `height` m at x = 0.
+sim::Ground<float> step_ground(double height);
+
+}  // namespace terrain_runner
