@@ -27,9 +27,9 @@ std::optional<Options> read_options(int argc, char** argv) {
   train->add_option("--resume", resume, "continue the interrupted job in this folder");
   for (CLI::App* c : {run, evaluate}) {
     c->add_option("SKILLS", o.skills, "folder that train wrote (default: the examples' own)")->type_name("DIR");
-    c->add_option("--obstacles", o.obstacles, "steps of a course (default 10)")->check(CLI::Range(1, 100));
+    c->add_option("--obstacles", o.obstacles, "steps of a course (default 2)")->check(CLI::Range(1, 100));
     c->add_option("--lowest", o.lowest, "lowest step, m (default 0.1)")->check(CLI::Range(0.05, 0.8));
-    c->add_option("--highest", o.highest, "highest step, m (default 0.3)")->check(CLI::Range(0.05, 0.8));
+    c->add_option("--highest", o.highest, "highest step, m (default 0.25)")->check(CLI::Range(0.05, 0.8));
   }
   evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
   evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, blending or interpolation")

@@ -24,8 +24,8 @@ struct Options {
   bool quick = false;
   bool resume = false;
   int courses = 100;    ///< evaluate
-  int obstacles = 10;   ///< of a course
-  double highest = 0.3, lowest = 0.1;  ///< steps, m
+  int obstacles = 2;    ///< of a course
+  double highest = 0.25, lowest = 0.1;  ///< steps, m
   std::string without;  ///< evaluate: what to leave out: planner, feedback, blending or interpolation
 };
 

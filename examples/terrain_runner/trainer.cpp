@@ -84,7 +84,7 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   e.turns = spaced(0, 6, 4);
   e.speeds = spaced(2, 5, 7);
   e.running.starts = 4;
-  e.heights = spaced(0.1, 0.4, 4);
+  e.heights = spaced(0.1, 0.4, 7);
   // Planning leaves the leap's beginning this far off, and what is not steady after so many steps falls later.
   e.clearing.seed = seed;
   e.clearing.place = 0.3;

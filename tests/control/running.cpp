@@ -75,6 +75,45 @@ TEST_CASE("the mirrored control makes the mirrored run") {
   CHECK(out[1].record.speed_error == doctest::Approx(out[0].record.speed_error).epsilon(1e-2));
 }
 
+TEST_CASE("every other start is on the other foot if that is asked for") {
+  const Sway s;
+  control::RunningTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, s.c, s.gait);
+  Eigen::VectorXd one = s.numbers;
+  one.segment(s.gait.shape.offset(0), 9).setConstant(0.02);
+  const Eigen::VectorXd other = s.gait.shape.mirrored(one);
+  control::RunningSettings e = s.settings();
+  const auto run = [&](const Eigen::VectorXd& control) {
+    return trials.run(e, 2, [&](int) { return control.data(); }, [](int) { return control::RunningTask{}; }, [](int l) { return 2 + l; });
+  };
+  const auto before = run(one);
+  e.either_foot = true;
+  const auto after = run(one), mirrored = run(other);
+  CHECK(after[0].cost == before[0].cost);
+  CHECK(after[1].record.head_movement != doctest::Approx(before[1].record.head_movement).epsilon(1e-3));
+  CHECK(mirrored[1].record.head_movement == doctest::Approx(before[1].record.head_movement).epsilon(1e-2));
+  CHECK(mirrored[1].record.speed_error == doctest::Approx(before[1].record.speed_error).epsilon(1e-2));
+}
+
+TEST_CASE("pushes and wandering references depend on the start alone, and make runs worse") {
+  const Sway s;
+  control::RunningTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, s.c, s.gait);
+  control::RunningSettings e = s.settings();
+  const auto run = [&](int used, auto start) {
+    return trials.run(e, used, [&](int) { return s.numbers.data(); }, [](int) { return control::RunningTask{}; }, start);
+  };
+  const auto calm = run(2, [](int l) { return l; });
+  e.push = 0.1;
+  const auto pushed = run(2, [](int l) { return l; }), other_lane = run(2, [](int l) { return 1 - l; });
+  CHECK(pushed[1].cost == other_lane[0].cost);
+  CHECK(pushed[0].record.speed_error > calm[0].record.speed_error);
+  e.push = 0;
+  e.wander = {0, 0.5};
+  const auto wandering = run(2, [](int l) { return l; });
+  CHECK(wandering[0].cost != calm[0].cost);
+  e.wander = {};
+  CHECK(run(2, [](int l) { return l; })[0].cost == calm[0].cost);
+}
+
 TEST_CASE("a start moves the whole body at the speed asked for") {
   const Sway s;
   const auto start = [&](double perturbation, std::uint64_t number) {

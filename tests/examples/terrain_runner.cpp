@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#include <doctest/doctest.h>
+
+#include "support.hpp"
+
+using namespace examples_test;
+
+namespace {
+
+const fs::path program = fs::path(TRACEUR_BIN_DIR) / "terrain_runner";
+const fs::path skills = fs::path(TRACEUR_SOURCE_DIR) / "examples" / "skills";
+
+Outcome runner(const fs::path& folder, const std::string& arguments) { return shell(folder, program.string() + " " + arguments); }
+
+}  // namespace
+
+TEST_CASE("terrain_runner runs a course with the skills that come with it") {
+  const fs::path folder = fresh("terrain_runner", "run"), out = folder / "out";
+  REQUIRE(runner(folder, "run --seed 5 --obstacles 3 --highest 0.2 --threads 1 --out " + out.string()).status == 0);
+  const nlohmann::json report = report_of(out);
+  CHECK(report["status"] == "done");
+  CHECK(report["obstacles"] == 3);
+  CHECK(report["cleared"].get<int>() >= 0);
+  CHECK(report["distance_m"].get<double>() > 10);
+  CHECK(report["real_time_factor"].get<double>() > 1);
+  CHECK(fs::file_size(out / "replay.html") > 10000);
+}
+
+TEST_CASE("courses go the same on any number of threads, some are completed, and without feedback none") {
+  const fs::path folder = fresh("terrain_runner", "evaluate");
+  const auto evaluate = [&](const char* name, const std::string& more) {
+    const fs::path out = folder / name;
+    REQUIRE(runner(folder, "evaluate --quick --courses 16 --obstacles 2 --highest 0.25 " + more + " --out " + out.string()).status == 0);
+    nlohmann::json report = report_of(out);
+    report.erase("wall_s");
+    return report;
+  };
+  const nlohmann::json one = evaluate("one", "--threads 1"), two = evaluate("two", "--threads 2");
+  CHECK(one == two);
+  CHECK(one["courses"] == 16);
+  CHECK(one["completed"].get<int>() >= 3);
+  const nlohmann::json blind = evaluate("blind", "--threads 2 --without feedback");
+  CHECK(blind["completed"] == 0);
+}
+
+TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and leaves nothing behind") {
+  const fs::path folder = fresh("terrain_runner", "refused"), out = folder / "out";
+  fs::create_directories(folder / "empty");
+  fs::create_directories(folder / "broken");
+  fs::copy_file(skills / "gait.json", folder / "broken" / "gait.json");
+  std::ofstream(folder / "broken" / "running.txt") << "not a continuation\n";
+  const auto refused = [&](const std::string& arguments, const std::string& part) {
+    const Outcome o = runner(folder, arguments);
+    CAPTURE(arguments);
+    CAPTURE(o.err);
+    CHECK(o.status == 2);
+    CHECK(o.err.starts_with("terrain_runner: "));
+    CHECK(o.err.find(part) != std::string::npos);
+    CHECK(o.err.find('\n') == o.err.size() - 1);
+    CHECK_FALSE(fs::exists(out));
+  };
+  refused("", "subcommand");
+  refused("run", "expected --out DIR");
+  refused("train /nowhere/controller.json --out " + out.string(), "/nowhere/controller.json");
+  refused("run " + (folder / "empty").string() + " --out " + out.string(), "gait.json");
+  refused("evaluate " + (folder / "broken").string() + " --out " + out.string(), "running.txt");
+  refused("evaluate --without luck --out " + out.string(), "--without");
+  refused("run --lowest 0.5 --highest 0.2 --out " + out.string(), "--highest");
+}
