@@ -50,14 +50,7 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   fs::copy_file(skills / "gait.json", folder / "broken" / "gait.json");
   std::ofstream(folder / "broken" / "running.txt") << "not a continuation\n";
   const auto refused = [&](const std::string& arguments, const std::string& part) {
-    const Outcome o = runner(folder, arguments);
-    CAPTURE(arguments);
-    CAPTURE(o.err);
-    CHECK(o.status == 2);
-    CHECK(o.err.starts_with("terrain_runner: "));
-    CHECK(o.err.find(part) != std::string::npos);
-    CHECK(o.err.find('\n') == o.err.size() - 1);
-    CHECK_FALSE(fs::exists(out));
+    examples_test::refused(program, folder, arguments, part);
   };
   refused("", "subcommand");
   refused("run", "expected --out DIR");
