@@ -292,7 +292,6 @@ inline void append_floats(std::vector<float>& out, core::Quaternion<double> q) {
 
 /// The actor's nodes, one a joint, its mesh and its part of the animation; returns the root's node.
 inline int add_gltf_actor(GltfDocument& document, const GltfActor& actor, nlohmann::json& animation) {
-  using Json = GltfDocument::Json;
   const body::Skeleton& s = actor.character.skeleton;
   const std::string where = "glTF: actor '" + actor.name + "'";
   if (s.size() == 0) throw Error(where + ": expected at least one body");
@@ -318,7 +317,7 @@ inline int add_gltf_actor(GltfDocument& document, const GltfActor& actor, nlohma
     GltfMesh mesh;
     for (const body::Shape& shape : actor.character.shapes)
       if (shape.body == i) mesh.add(shape);
-    Json node = {{"name", j.body}};
+    GltfDocument::Json node = {{"name", j.body}};
     for (int c = i + 1; c < s.size(); ++c)
       if (s[c].parent == i) {
         node["children"].push_back(base + c);
