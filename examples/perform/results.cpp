@@ -16,11 +16,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::string rounded(double x, int digits, const char* unit) {
-  char text[64];
-  std::snprintf(text, sizeof text, "%.*f %s", digits, x, unit);
-  return text;
-}
+std::string rounded(double x, int digits, const char* unit) { return example::rounded(x, digits) + " " + unit; }
 
 }  // namespace
 

@@ -56,6 +56,25 @@ PerWorker<Trials, Make> per_worker(int workers, Make make) {
   return {workers, std::move(make)};
 }
 
+/// Tries one manoeuvre from starts 0 to `count`, and calls `take` with what became of each.
+template <class Straight, class Take>
+void each_trial(control::ClearingTrials<Lane>& trials, const control::Manoeuvre& m, const control::ClearingSettings& e, int count,
+                const std::vector<control::RunningState>& starts, Straight&& straight, Take&& take) {
+  constexpr int width = core::lane_count<Lane>;
+  for (int first = 0; first < count; first += width) {
+    const int used = std::min(width, count - first);
+    const auto out = trials.run(
+        e, used, [&](int) -> const control::Manoeuvre& { return m; }, [&](int l) { return first + l; }, starts, straight);
+    for (int l = 0; l < used; ++l) take(out[static_cast<std::size_t>(l)]);
+  }
+}
+
+/// Eq. 8's frequencies are the clip's own.
+control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
+  p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
+  return p;
+}
+
 }  // namespace
 
 sim::Ground<float> step_ground(double height) {
@@ -110,8 +129,7 @@ control::Controller Trainer::make_gait(const control::Controller& from) {
   const Body body(model_, roles_, from);
   control::RunningTrials<Lane> trials(model_, roles_, from.simulation, flat_, from, body.narrow);
   const double speed = std::round(4 * body.narrow.table.speed()) / 4;
-  control::RunningSearch p = effort_.gait;
-  p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
+  const control::RunningSearch p = for_gait(effort_.gait, body);
   const control::RunningFound found =
       control::search_running(trials, body.narrow.shape, {0, speed}, body.narrow.shape.neutral(from.law), p);
   if (!found.works) throw Error("gait: it cannot be run at " + std::to_string(speed) + " m/s");
@@ -128,8 +146,7 @@ control::Controller Trainer::make_gait(const control::Controller& from) {
 Continuation Trainer::learn_running(const control::Controller& gait, std::optional<Continuation> from) {
   const Body body(model_, roles_, gait);
   const control::AffineShape& shape = body.narrow.shape;
-  control::RunningSearch p = effort_.running;
-  p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
+  const control::RunningSearch p = for_gait(effort_.running, body);
   auto trials = per_worker<control::RunningTrials<Lane>>(executor_.concurrency(), [&] {
     return std::make_unique<control::RunningTrials<Lane>>(model_, roles_, gait.simulation, flat_, gait, body.narrow);
   });
@@ -245,16 +262,10 @@ Continuation Trainer::learn_jump(const control::Controller& gait, const RunningM
     control::ClearingSettings e = settings;
     e.stream = stream;
     Judged j;
-    for (int first = 0; first < count; first += width) {
-      const int used = std::min(width, count - first);
-      const auto out = trials.run(
-          e, used, [&](int) -> const control::Manoeuvre& { return m; }, [&](int l) { return first + l; }, starts, straight);
-      for (int l = 0; l < used; ++l) {
-        const control::ClearingOutcome& o = out[static_cast<std::size_t>(l)];
-        j.cost += o.cost / count;
-        j.good += o.survived && o.cleared;
-      }
-    }
+    each_trial(trials, m, e, count, starts, straight, [&](const control::ClearingOutcome& o) {
+      j.cost += o.cost / count;
+      j.good += o.survived && o.cleared;
+    });
     return j;
   };
   const auto search = [&](Trials& trials, const Eigen::VectorXd& begin, double h, int generations, double difficulty, double sigma) {
@@ -369,12 +380,11 @@ Continuation Trainer::learn_jump(const control::Controller& gait, const RunningM
 
 std::vector<NodeResult> Trainer::test_running(const control::Controller& gait, const Continuation& c, int count, double most_turn, bool disturbed) {
   const Body body(model_, roles_, gait);
-  control::RunningSearch p = effort_.running;
+  control::RunningSearch p = for_gait(effort_.running, body);
   if (!disturbed) {
     p.run.push = 0;
     p.run.wander = {};
   }
-  p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
   auto trials = per_worker<control::RunningTrials<Lane>>(executor_.concurrency(), [&] {
     return std::make_unique<control::RunningTrials<Lane>>(model_, roles_, gait.simulation, flat_, gait, body.wide);
   });
@@ -395,7 +405,6 @@ std::vector<NodeResult> Trainer::test_running(const control::Controller& gait, c
 
 std::vector<JumpResult> Trainer::test_jump(const RunningModel& running, const Body& body, const Continuation& c,
                                            const std::vector<double>& heights, int count, const control::Composer::Settings& composition) {
-  constexpr int width = core::lane_count<Lane>;
   const double speed = body.leap_speed;
   const auto straight = [&](double v) { return running({0, v}); };
   const std::vector<control::RunningState> starts = states(body, straight(speed), speed, state_stream + 1);
@@ -412,17 +421,11 @@ std::vector<JumpResult> Trainer::test_jump(const RunningModel& running, const Bo
         body.manoeuvre(rbf(Eigen::VectorXd::Constant(1, r.height)), r.height);
     control::ClearingSettings e = effort_.clearing;
     e.stream = test_stream;
-    for (int first = 0; first < count; first += width) {
-      const int used = std::min(width, count - first);
-      const auto o = trials.run(
-          e, used, [&](int) -> const control::Manoeuvre& { return m; }, [&](int l) { return first + l; }, starts, straight);
-      for (int l = 0; l < used; ++l) {
-        const control::ClearingOutcome& x = o[static_cast<std::size_t>(l)];
-        r.survived += x.survived;
-        r.cleared += x.survived && x.cleared;
-        r.exit_speed += x.survived ? x.exit_speed : 0;
-      }
-    }
+    each_trial(trials, m, e, count, starts, straight, [&](const control::ClearingOutcome& o) {
+      r.survived += o.survived;
+      r.cleared += o.survived && o.cleared;
+      r.exit_speed += o.survived ? o.exit_speed : 0;
+    });
     if (r.survived > 0) r.exit_speed /= r.survived;
   });
   return out;
