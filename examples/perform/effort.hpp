@@ -13,6 +13,8 @@ struct Effort {
   traceur::control::SamplingParameters sampling;
   traceur::control::FeedbackLearning learning;
   double windows = 1.5e5;       ///< simulated in a search, all rounds together; short clips get more samples
+  int longest_whole = 36;       ///< windows of a motion that is searched as a whole
+  int horizon = 24;             ///< of those that are not; windows are in two horizons each
   int one_shot_starts = 16;     ///< starts of each candidate where a trial is short
   int gait_generations = 600;   ///< in place of the learning's own number, which is for motions done once
   int one_shot_patience = 250;  ///< they improve slowly for long: their success has no second chance to add up
@@ -25,9 +27,18 @@ struct Effort {
   double push_most_Ns = 240;
 
   /// The search's settings for a motion of so many windows.
-  traceur::control::SamplingParameters search(int count) const {
+  traceur::control::SamplingParameters search(int count, bool cyclic) const {
     traceur::control::SamplingParameters p = sampling;
-    p.samples = std::clamp(static_cast<int>(windows / (count * p.rounds)), 512, 8192);
+    double visits = 1;
+    if (!cyclic && count > longest_whole) {
+      p.horizon = horizon;
+      p.stride = horizon / 2;
+      visits = 2;
+    }
+    const auto affordable = [&] { return static_cast<int>(windows / (visits * count * p.rounds)); };
+    // Of very long motions a missing round is missed less than samples are.
+    while (visits > 1 && p.rounds > 8 && affordable() < 400) --p.rounds;
+    p.samples = std::clamp(affordable(), 512, 8192);
     p.elites = p.samples / 8;
     return p;
   }

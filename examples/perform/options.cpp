@@ -107,7 +107,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--joint-map", o.joint_map, "JSON object: the character's joint or landmark -> the clip's joint");
   app.add_option("--unit", o.unit, "metres in one length unit of a BVH or AMC clip")->check(CLI::PositiveNumber);
   app.add_option("--up", o.up, "up axis of a BVH or AMC clip")->check(CLI::IsMember({"detect", "x", "y", "z"}));
-  app.add_option("--fps", o.fps, "frames a second of an AMC clip")->check(CLI::PositiveNumber);
+  app.add_option("--fps", o.fps, "frames a second, where the clip's file does not say or is wrong")->check(CLI::PositiveNumber);
   app.add_option("--controller", o.controller, "test and replay this controller instead of learning one");
   app.add_option("--simulator", o.simulator,
                  "what tests, pushes and the replay run on: bundled (default), mujoco, dart, ode or bullet;\n"

@@ -79,9 +79,12 @@ Performer::Performer(const Scene& scene, const Options& options, const Effort& e
   simulation_.dt = 1.0 / options.dt_hz;
 }
 
+int Performer::windows_of(const Motion& motion) const {
+  return (motion.reference.ticks + effort_.sampling.window_ticks - 1) / effort_.sampling.window_ticks;
+}
+
 control::SamplingParameters Performer::sampling(const Motion& motion) const {
-  control::SamplingParameters p =
-      effort_.search((motion.reference.ticks + effort_.sampling.window_ticks - 1) / effort_.sampling.window_ticks);
+  control::SamplingParameters p = effort_.search(windows_of(motion), motion.cyclic);
   p.seed = options_.seed;
   p.steps_per_tick = options_.dt_hz / ticks_per_second;
   p.period_starts = motion.window_starts;
@@ -99,7 +102,8 @@ SavedSearch Performer::search(const Motion& motion) {
   }
   const Clock clock;
   const control::SamplingParameters p = sampling(motion);
-  ProgressLine line(motion.cyclic ? "search for a cycle's targets, round" : "search for targets, round", 0, p.rounds);
+  ProgressLine line(motion.cyclic ? "search for a cycle's targets, round" : "search for targets, round", 0,
+                    p.passes(windows_of(motion)));
   SavedSearch out;
   out.result = control::sample_control<Lane>(scene_.model, simulation_, ground_, cost_, motion.reference, p, executor_,
                                              [&](int round, double cost) {

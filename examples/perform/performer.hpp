@@ -89,6 +89,7 @@ private:
   Runners chosen_runners(const traceur::control::Controller& controller,
                          double most_s = std::numeric_limits<double>::infinity());
   traceur::control::Perturbation perturbation(const traceur::control::Controller& controller) const;
+  int windows_of(const Motion& motion) const;
   traceur::control::SamplingParameters sampling(const Motion& motion) const;
   traceur::control::EpisodeSettings settings(const traceur::control::Controller& controller,
                                              std::uint64_t stream) const;

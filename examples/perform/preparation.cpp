@@ -11,6 +11,7 @@
 #include "traceur/io/mjcf.hpp"
 #include "traceur/io/terrain_file.hpp"
 #include "traceur/motion/loop.hpp"
+#include "traceur/motion/repeats.hpp"
 #include "traceur/motion/retarget.hpp"
 #include "traceur/motion/scaling.hpp"
 #include "traceur/motion/smooth.hpp"
@@ -197,11 +198,27 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
   // A clip on terrain belongs where it is.
   options.align = !scene.terrain;
   options.flat_ground = !scene.terrain || scene.terrain->is_flat();
-  const motion::Retargeted on_character = example::retarget(loaded.clip, scene.model.character, options);
-  out.retarget = retarget_json(on_character.report);
-  out.clip = on_character.clip;
-  std::printf("on '%s': %s", scene.model.character.name.c_str(), on_character.report.text().c_str());
-  if (out.clip.contacts.cols() == out.clip.keys()) out.flight = motion::check_flight(out.clip, scene.model.character);
+  motion::Clip source = loaded.clip;
+  if (const int dropped = motion::drop_repeats(source))
+    out.notes.emplace_back(std::to_string(dropped) + " of " + std::to_string(loaded.clip.keys()) +
+                           " keys repeat the one before: dropped");
+  const auto put_on_character = [&] {
+    const motion::Retargeted on_character = example::retarget(source, scene.model.character, options);
+    out.retarget = retarget_json(on_character.report);
+    out.clip = on_character.clip;
+    std::printf("on '%s': %s", scene.model.character.name.c_str(), on_character.report.text().c_str());
+    if (out.clip.contacts.cols() == out.clip.keys()) out.flight = motion::check_flight(out.clip, scene.model.character);
+  };
+  put_on_character();
+  if (const double times = motion::played_too_fast(out.flight); times > 1 && !o.fps) {
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "falls at %.0f m/s^2 in flight: taken to play %.0f times too fast (--fps %.6g keeps its rate)",
+                  -out.flight.fall_acceleration_m_s2, times, loaded.report.fps);
+    out.notes.emplace_back(text);
+    source = motion::scale_duration(source, times);
+    put_on_character();
+  }
 
   const bool level = !scene.terrain || scene.terrain->is_flat();
   std::optional<motion::Clip> cycle;

@@ -51,6 +51,7 @@ void Report::add(const Preparation& p) {
     const motion::FlightConsistency& f = p.flight;
     json_["flight_consistency"] = Json{{"flights", f.flights},
                                        {"flight_s", f.flight_s},
+                                       {"fall_acceleration_m_s2", f.fall_acceleration_m_s2},
                                        {"horizontal_acceleration_rms_m_s2", f.horizontal_acceleration_rms_m_s2},
                                        {"horizontal_acceleration_max_m_s2", f.horizontal_acceleration_max_m_s2},
                                        {"vertical_error_rms_m_s2", f.vertical_error_rms_m_s2},

@@ -126,6 +126,7 @@
 #include <traceur/motion/loop.hpp>
 #include <traceur/motion/losses.hpp>
 #include <traceur/motion/mirror.hpp>
+#include <traceur/motion/repeats.hpp>
 #include <traceur/motion/scaling.hpp>
 #include <traceur/motion/selection.hpp>
 #include <traceur/motion/smooth.hpp>

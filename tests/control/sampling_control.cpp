@@ -195,6 +195,44 @@ TEST_CASE("tied windows search around one plan for all cycles, mirrored in every
   }
 }
 
+TEST_CASE("over a horizon the plan is settled piece by piece, and is one simulation all the same") {
+  Search search(squat_clip(60), 1.0);  // ten windows
+  search.settings.rounds = 3;
+  const SampledControl whole = search.run();
+  search.settings.horizon = 4;
+  search.settings.stride = 2;
+  REQUIRE(search.settings.passes(10) == 3 * 4);
+  CHECK(search.settings.passes(4) == 3);
+  CHECK(search.settings.passes(5) == 6);
+  std::vector<int> passes;
+  const SampledControl found = search.run(core::SerialExecutor{}, [&](int pass, double) {
+    passes.push_back(pass);
+    return true;
+  });
+  CHECK(passes.size() == 12);
+  CHECK(passes.back() == 11);
+  for (std::size_t k = 1; k < 12; ++k)
+    if (k % 3 != 0) CHECK(found.round_cost[k] <= found.round_cost[k - 1]);
+  // Every window is in two horizons, but for the first two and the last.
+  CHECK(found.simulated_seconds == doctest::Approx(12 * 4 * 96 * 0.1));
+  CHECK((search.simulate(found.targets).poses - found.poses).cwiseAbs().maxCoeff() == 0);
+
+  SUBCASE("what is settled stays") {
+    const SampledControl early = search.run(core::SerialExecutor{}, [](int pass, double) { return pass < 2; });
+    CHECK(early.offsets.leftCols(2) == found.offsets.leftCols(2));
+    CHECK(early.offsets.rightCols(6).isZero());
+    CHECK(!found.offsets.rightCols(1).isZero());
+  }
+  SUBCASE("one as long as the motion, or none, is the search of the whole") {
+    search.settings.horizon = 10;
+    CHECK(search.run().offsets == whole.offsets);
+  }
+  SUBCASE("two threads give the same bits") {
+    core::ThreadExecutor threads(2);
+    CHECK(search.run(threads).offsets == found.offsets);
+  }
+}
+
 TEST_CASE("settings and starts that cannot be searched are refused") {
   const Search good(standing_clip(12), 0.2);
   const auto refusal = [&](auto&& spoil) {
@@ -206,6 +244,14 @@ TEST_CASE("settings and starts that cannot be searched are refused") {
   CHECK(contains(refusal([](Search& s) { s.settings.children = 0; }), "must be positive"));
   CHECK(contains(refusal([](Search& s) { s.settings.steps_per_tick = 0; }), "must be positive"));
   CHECK(contains(refusal([](Search& s) { s.settings.lag = -1; }), "lag"));
+  CHECK(contains(refusal([](Search& s) { s.settings.horizon = -1; }), "horizon"));
+  CHECK(contains(refusal([](Search& s) { s.settings.horizon = 4, s.settings.stride = 5; }), "stride"));
+  CHECK(contains(refusal([](Search& s) {
+                   s.settings.horizon = 8;
+                   s.settings.period_starts = {0};
+                   s.settings.period_ticks = 6;
+                 }),
+                 "horizon"));
   CHECK(contains(refusal([](Search& s) { s.settings.period_starts = {0}; }), "period_starts"));
   CHECK(contains(refusal([](Search& s) { s.settings.period_starts = {1}, s.settings.period_ticks = 6; }), "period_starts"));
   CHECK(contains(refusal([](Search& s) { s.settings.period_starts = {0, 3, 3}, s.settings.period_ticks = 6; }), "period_starts"));

@@ -101,6 +101,13 @@ TEST_CASE("options reach the reader, or are refused where they mean nothing") {
   CHECK(loaded.report.cycle_gap_angle == doctest::Approx(0).epsilon(1e-9));
   CHECK(contains(loaded.report.notes.back(), "cyclic, as asked"));
   options = {};
+  const io::LoadedClip stated = io::load_clip(folder / "a.bvh");
+  options.fps = 0.5 * stated.report.fps;
+  const io::LoadedClip slow = io::load_clip(folder / "a.bvh", options);
+  CHECK(slow.clip.duration() == doctest::Approx(2 * stated.clip.duration()));
+  CHECK(slow.report.fps == *options.fps);
+  CHECK(contains(slow.report.notes.back(), "as asked"));
+  options = {};
   options.cyclic = false;
   CHECK(!io::load_clip(folder / "c.txt", options).clip.cyclic);
 
@@ -117,7 +124,7 @@ TEST_CASE("options reach the reader, or are refused where they mean nothing") {
   options.up = io::UpAxis::z;
   refused("c.txt", options, "up");
   options = {};
-  options.fps = 30;
+  options.fps = 0;
   refused("a.bvh", options, "fps");
   options = {};
   options.skip_frames = 1;

@@ -83,6 +83,28 @@ TEST_CASE("what is wrong with a throw is measured in its own units") {
   CHECK(motion::check_flight(thrown({.gravity = 1.62}), dumbbell(), moon).vertical_error_rms_m_s2 < 0.05);
 }
 
+TEST_CASE("the fall tells by how much a clip plays too fast, to a power of two") {
+  const Clip clip = thrown({});
+  CHECK(motion::check_flight(clip, dumbbell()).fall_acceleration_m_s2 == doctest::Approx(-9.81).epsilon(0.01));
+  CHECK(motion::check_flight(thrown({.gravity = 1.62}), dumbbell()).fall_acceleration_m_s2 ==
+        doctest::Approx(-1.62).epsilon(0.01));
+  for (const double times : {1.0, 1.6, 2.0, 2.6, 4.0}) {
+    Clip fast = clip;
+    fast.times /= times;
+    const auto r = motion::check_flight(fast, dumbbell());
+    CHECK(r.fall_acceleration_m_s2 == doctest::Approx(-9.81 * times * times).epsilon(0.03));
+    CHECK(motion::played_too_fast(r) == (times < 1.7 ? 1 : times < 2.7 ? 2 : 4));
+  }
+  // Nothing is concluded from slow falls, rises and very short flights.
+  CHECK(motion::played_too_fast(motion::check_flight(thrown({.gravity = 0.5}), dumbbell())) == 1);
+  CHECK(motion::played_too_fast(motion::check_flight(thrown({.gravity = -60}), dumbbell())) == 1);
+  motion::FlightConsistency brief;
+  brief.fall_acceleration_m_s2 = -80;
+  brief.flight_s = 0.05;
+  CHECK(motion::played_too_fast(brief) == 1);
+  CHECK(motion::played_too_fast(brief, 80) == 1);
+}
+
 TEST_CASE("without flight there is nothing to report, and labels and bodies are required") {
   Clip clip = thrown({});
   clip.contacts.setOnes();

@@ -31,6 +31,10 @@ struct SamplingParameters {
   double shrink = 0.9;       ///< factor on standard deviations from round to round
   double history = 0.15;     ///< share of a path's accumulated cost that counts in ranking
   int lag = 3;               ///< windows between a window and the elites whose ancestors set its next mean
+  /// Long motions: all rounds are made over so many windows, then over as many from `stride` windows later, and so on, so
+  /// that what comes late is not searched from states that have not settled. 0: the whole motion at once.
+  int horizon = 0;
+  int stride = 8;            ///< windows
   std::uint64_t seed = 1;
   /// Cyclic motions: first ticks of the windows of one period (or of its first half when `mirrored`), ascending from 0, and
   /// the ticks in that period (half). Empty: windows of `window_ticks`, each its own.
@@ -39,6 +43,11 @@ struct SamplingParameters {
   bool mirrored = false;  ///< the second half of a period is the first, mirrored
 
   bool tied() const { return !period_starts.empty(); }
+  /// Rounds of all horizons together, for a motion of so many windows.
+  int passes(int windows) const {
+    if (horizon == 0 || windows <= horizon) return rounds;
+    return rounds * (1 + (windows - horizon + stride - 1) / stride);
+  }
 };
 
 /// PD target trajectories that make a simulated character perform a clip: open-loop control.
@@ -79,6 +88,9 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
   if (p.samples < 1 || p.elites < 1 || p.children < 1 || p.rounds < 1 || p.window_ticks < 1 || p.steps_per_tick < 1)
     throw Error("sampling control: samples, elites, children, rounds, window_ticks and steps_per_tick must be positive");
   if (p.lag < 0) throw Error("sampling control: lag must be zero or more");
+  if (p.horizon < 0 || (p.horizon > 0 && (p.stride < 1 || p.stride > p.horizon)))
+    throw Error("sampling control: horizon must be zero or more, and stride between 1 and horizon");
+  if (p.horizon > 0 && p.tied()) throw Error("sampling control: a horizon is for motions without period_starts");
   for (std::size_t k = 0; k < p.period_starts.size(); ++k)
     if (p.period_starts[k] >= p.period_ticks || (k == 0 ? p.period_starts[0] != 0 : p.period_starts[k] <= p.period_starts[k - 1]))
       throw Error("sampling control: period_starts must ascend from 0 and stay below period_ticks");
@@ -124,6 +136,8 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
   for (int i = 0; i < model.nq; ++i) start[static_cast<std::size_t>(i)] = static_cast<T>(reference.poses(i, 0));
   for (int i = 0; i < nv; ++i) start[static_cast<std::size_t>(model.nq + i)] = static_cast<T>(reference.velocities(i, 0));
 
+  std::vector<T> carried_on = start;
+
   const int groups = (p.samples + width - 1) / width;
   const int samples = groups * width;
   std::vector<sim::Lanes<S>> lanes;
@@ -159,11 +173,21 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
     }
   };
 
-  for (int round = 0; round < p.rounds; ++round) {
+  // Windows before `first` are settled; those before `known` have been part of a best path.
+  int first = 0, known = 0, end = p.horizon > 0 ? std::min(windows, p.horizon) : windows;
+  for (int pass = 0; pass < p.passes(windows); ++pass) {
+    const int round = pass % p.rounds;
+    if (pass > 0 && round == 0) {
+      const Window& settled = path[static_cast<std::size_t>(first + p.stride - 1)];
+      std::copy_n(settled.states.data() + state_size * static_cast<std::size_t>(settled.carried), state_size, carried_on.data());
+      first += p.stride;
+      end = std::min(windows, end + p.stride);
+    }
     const double spread = std::pow(p.shrink, round);
-    for (int w = 0; w < windows; ++w) {
+    for (int w = first; w < end; ++w) {
       Window& window = path[static_cast<std::size_t>(w)];
-      const Window* before = w > 0 ? &path[static_cast<std::size_t>(w - 1)] : nullptr;
+      const bool has_best = w < known;
+      const Window* before = w > first ? &path[static_cast<std::size_t>(w - 1)] : nullptr;
       const int candidates = before ? static_cast<int>(before->parent.size()) : 1;
       const int first_tick = starts[static_cast<std::size_t>(w)];
       const int last_tick = starts[static_cast<std::size_t>(w + 1)];
@@ -174,18 +198,18 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
         std::vector<S> add(model.bodies.size());
         for (int i = 0; i < width; ++i) {
           const int s = g * width + i;
-          const bool carry = s == 0 && round > 0;
+          const bool carry = s == 0 && has_best;
           const int parent = carry ? (before ? before->carried : 0) : s % candidates;
           parents[static_cast<std::size_t>(s)] = parent;
           if (carry) {
             offsets.col(s) = best.col(w);
           } else {
-            core::RandomStream random(p.seed, static_cast<std::uint64_t>(round) * 100000 + static_cast<std::uint64_t>(w),
+            core::RandomStream random(p.seed, static_cast<std::uint64_t>(pass) * 100000 + static_cast<std::uint64_t>(w),
                                       static_cast<std::uint64_t>(s));
             for (int k = 0; k < nv; ++k)
               offsets(k, s) = sigma[k] > 0 ? static_cast<float>(window.mean[k] + spread * sigma[k] * random.normal()) : 0.0f;
           }
-          const T* from = before ? before->states.data() + state_size * static_cast<std::size_t>(parent) : start.data();
+          const T* from = before ? before->states.data() + state_size * static_cast<std::size_t>(parent) : carried_on.data();
           for (std::size_t k = 0; k < state_size; ++k) core::set_lane(l.state()[k], i, from[k]);
           l.clear_failed(i);
         }
@@ -232,7 +256,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
       }
       if (chosen.empty()) throw Error("sampling control: every sample of window " + std::to_string(w) + " ended in numbers that are not finite");
       window.carried = -1;
-      if (round > 0) {
+      if (has_best) {
         const auto at = std::find(chosen.begin(), chosen.end(), 0);
         if (at == chosen.end()) {
           chosen.back() = 0;
@@ -258,17 +282,18 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
     }
 
     // The best path, traced from the last window.
-    const Window& last = path.back();
+    const Window& last = path[static_cast<std::size_t>(end - 1)];
+    known = end;
     int e = static_cast<int>(std::min_element(last.path_cost.begin(), last.path_cost.end()) - last.path_cost.begin());
     out.round_cost.push_back(last.path_cost[static_cast<std::size_t>(e)]);
-    for (int w = windows; w-- > 0;) {
+    for (int w = end; w-- > first;) {
       Window& window = path[static_cast<std::size_t>(w)];
       best.col(w) = window.offsets.col(e);
       window.carried = e;
       e = window.parent[static_cast<std::size_t>(e)];
     }
-    for (int w = 0; w < windows; ++w) {
-      const int from = std::min(windows - 1, w + p.lag);
+    for (int w = first; w < end; ++w) {
+      const int from = std::min(end - 1, w + p.lag);
       const Window& ahead = path[static_cast<std::size_t>(from)];
       Eigen::VectorXd sum = Eigen::VectorXd::Zero(nv);
       double weights = 0;
@@ -297,7 +322,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
         path[static_cast<std::size_t>(w)].mean = flipped ? mirrored_tangent(model, roles, shared) : shared;
       }
     }
-    if (progress && !progress(round, out.round_cost.back())) break;
+    if (progress && !progress(pass, out.round_cost.back())) break;
   }
 
   // The best path once more, recorded tick by tick.

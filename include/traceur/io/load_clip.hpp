@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -19,7 +21,7 @@ struct LoadOptions {
   std::filesystem::path skeleton;  ///< AMC: the ASF file; DeepMimic: the character file; empty: see those readers
   std::optional<double> unit;      ///< BVH, AMC: metres in one unit of the file
   UpAxis up = UpAxis::detect;      ///< BVH, AMC: the file's axis away from the ground
-  std::optional<double> fps;       ///< AMC: frames a second
+  std::optional<double> fps;       ///< frames a second; by default what the file says, if its format does
   int skip_frames = 0;             ///< BVH, AMC: frames to drop at the start
   std::optional<bool> cyclic;      ///< whether the clip repeats; without it what the file says, if it says anything
 };
@@ -64,7 +66,8 @@ inline LoadedClip load_clip(const std::filesystem::path& path, const LoadOptions
     throw Error(where + ": option skeleton: this format brings its own skeleton");
   if (options.unit && !is_capture) throw Error(where + ": option unit: this format is in metres");
   if (options.up != UpAxis::detect && !is_capture) throw Error(where + ": option up: this format fixes the up axis");
-  if (options.fps && format != ClipFormat::amc) throw Error(where + ": option fps: the file states its rate");
+  if (options.fps && !(*options.fps > 0 && std::isfinite(*options.fps)))
+    throw Error(where + ": option fps: expected a positive rate");
   if (options.skip_frames != 0 && !is_capture) throw Error(where + ": option skip_frames: only for BVH and AMC");
 
   LoadedClip out;
@@ -91,6 +94,15 @@ inline LoadedClip load_clip(const std::filesystem::path& path, const LoadOptions
     case ClipFormat::clip:
       out = parse_clip(text, where);
       break;
+  }
+  if (options.fps && format != ClipFormat::amc && out.report.fps != *options.fps) {
+    out.clip.times *= out.report.fps / *options.fps;
+    char note[96];
+    std::snprintf(note, sizeof note, "the file says %.6g frames a second; taken as %.6g, as asked", out.report.fps,
+                  *options.fps);
+    out.report.notes.emplace_back(note);
+    out.report.fps = *options.fps;
+    out.report.fps_reason = "option fps";
   }
   if (options.cyclic && *options.cyclic != out.clip.cyclic) {
     out.clip.cyclic = false;

@@ -22,6 +22,9 @@ struct FlightConsistency {
   double vertical_acceleration_min_m_s2 = 0;  ///< physics: -gravity, both
   double vertical_acceleration_max_m_s2 = 0;
   double vertical_error_rms_m_s2 = 0;  ///< of vertical acceleration plus gravity
+  /// Of all flights together, by the parabolas of one common curvature that fit the heights best; physics: -gravity. A clip
+  /// that is played n times too fast falls n squared times too fast.
+  double fall_acceleration_m_s2 = 0;
 
   double ballistic_error_max_m = 0;  ///< centre of mass from the best ballistic path of its flight; physics: 0
 
@@ -79,7 +82,7 @@ inline FlightConsistency check_flight(const Clip& clip, const body::Character& c
   FlightConsistency out;
   out.vertical_acceleration_min_m_s2 = out.angular_momentum_min_kg_m2_s = std::numeric_limits<double>::infinity();
   out.vertical_acceleration_max_m_s2 = -std::numeric_limits<double>::infinity();
-  double horizontal_squares = 0, vertical_squares = 0;
+  double horizontal_squares = 0, vertical_squares = 0, bend = 0, bend_squares = 0;
   int accelerations = 0;
   for (const Interval& flight : flights) {
     const int samples = static_cast<int>(std::floor((flight.to - flight.from) / step + 1e-9)) + 1;
@@ -109,6 +112,10 @@ inline FlightConsistency check_flight(const Clip& clip, const body::Character& c
     }
     // Least squares line through what is left of the path once the fall is taken out.
     Eigen::VectorXd t = Eigen::VectorXd::LinSpaced(samples, -0.5 * h * (samples - 1), 0.5 * h * (samples - 1));
+    // Half of t squared, without what a line can make up for: t itself is orthogonal to it already.
+    const Eigen::VectorXd half_square = 0.5 * (t.array().square() - t.array().square().mean()).matrix();
+    bend += half_square.dot(center.row(2));
+    bend_squares += half_square.squaredNorm();
     Eigen::MatrixXd path = center;
     path.row(2) += (0.5 * options.gravity * t.array().square()).matrix().transpose();
     const Eigen::Vector3d mean = path.rowwise().mean();
@@ -124,9 +131,19 @@ inline FlightConsistency check_flight(const Clip& clip, const body::Character& c
     }
   }
   if (accelerations == 0) return FlightConsistency{};
+  out.fall_acceleration_m_s2 = bend / bend_squares;
   out.horizontal_acceleration_rms_m_s2 = std::sqrt(horizontal_squares / accelerations);
   out.vertical_error_rms_m_s2 = std::sqrt(vertical_squares / accelerations);
   return out;
+}
+
+/// How many times too fast a clip plays, by its fall: a power of two, since it is rates such as 60 and 120 frames a second
+/// that get mistaken. 1 unless it falls at more than three times gravity, which no noise of a capture explains; slow falls
+/// tell nothing, as hands and walls that carry have no contact labels.
+inline double played_too_fast(const FlightConsistency& flight, double gravity = 9.81) {
+  const double ratio = -flight.fall_acceleration_m_s2 / gravity;
+  if (!(ratio > 3) || flight.flight_s < 0.1) return 1;
+  return std::exp2(std::round(0.5 * std::log2(ratio)));
 }
 
 }  // namespace traceur::motion
