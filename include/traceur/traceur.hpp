@@ -144,6 +144,7 @@
 #include <traceur/nn/module.hpp>
 #include <traceur/nn/normalizer.hpp>
 #include <traceur/nn/optimizer.hpp>
+#include <traceur/nn/packed.hpp>
 #include <traceur/nn/parameter_check.hpp>
 #include <traceur/nn/patches.hpp>
 #include <traceur/nn/point_net.hpp>

@@ -46,6 +46,7 @@ void check_network(const N& net, const std::vector<traceur::diffusion::Parts>& g
   net.forward(theta.data(), steps.data(), x, condition, w, y);
   auto prepared = net.template prepared<double>(n);
   auto scratch = net.template scratch<double>(n);
+  net.load(theta.data(), prepared);
   net.prepare(theta.data(), condition, 0, scratch, prepared);
   for (Eigen::Index j = 0; j < n; ++j) {
     net.infer(theta.data(), steps[static_cast<std::size_t>(j)], x.col(j), prepared, j, 0, scratch, z.col(j));

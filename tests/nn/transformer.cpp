@@ -155,14 +155,16 @@ TEST_CASE("projected beforehand, the last tokens are those of the whole") {
         keys(1, 1) = false;
         auto w = m.workspace<double>(x.cols());
         auto lean = m.inference_workspace<double>(x.cols());
+        auto packed = m.packed<double>();
+        m.pack(theta.data(), packed);
         Matrixd y(width, x.cols()), qkv(3 * width, x.cols());
         m.infer(theta.data(), x, keys, w, y);
         // In two pieces: what is projected of a token depends on that token alone.
-        m.project(theta.data(), x.leftCols(3), lean, qkv.leftCols(3));
-        m.project(theta.data(), x.rightCols(x.cols() - 3), lean, qkv.rightCols(x.cols() - 3));
+        m.project(theta.data(), packed, x.leftCols(3), lean, qkv.leftCols(3));
+        m.project(theta.data(), packed, x.rightCols(x.cols() - 3), lean, qkv.rightCols(x.cols() - 3));
         for (const Index from : {Index{0}, Index{1}, tokens - 1}) {
           Matrixd last(width, samples * (tokens - from));
-          m.infer_projected(theta.data(), x, qkv, keys, from, lean, last);
+          m.infer_projected(theta.data(), packed, x, qkv, keys, from, lean, last);
           for (Index sample = 0; sample < samples; ++sample) {
             CHECK(laws::equal(last.middleCols(sample * (tokens - from), tokens - from),
                               y.middleCols(sample * tokens + from, tokens - from)));

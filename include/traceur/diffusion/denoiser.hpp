@@ -60,9 +60,10 @@ struct Blend {
 /// A network that learns to denoise: like an nn::Module an immutable description of shapes, whose parameters lie in a flat
 /// array of the caller's, with the same rules for memory and gradients.
 ///
-/// `forward` and `backward` are for training, each sample with a step of its own. To sample, `prepare` writes what depends
-/// on the condition alone for the samples [first, first + n) of a batch, and `infer` reads it: the same estimate as
-/// `forward`, to rounding, but without seeing the parts `without`. Scratch memory keeps nothing between two calls.
+/// `forward` and `backward` are for training, each sample with a step of its own. To sample, `load` writes what depends on
+/// the parameters alone, `prepare` what depends on them and the condition for the samples [first, first + n) of a batch, and
+/// `infer` reads both: the same estimate as `forward`, to rounding, but without seeing the parts `without`. Scratch memory
+/// keeps nothing between two calls.
 template <class N, class S = float>
 concept DenoisingNetwork =
     requires(const N& net, const S* theta, S* dtheta, const int* steps, int step, nn::ConstMatrix<S> x, nn::Matrix<S> y,
@@ -77,6 +78,7 @@ concept DenoisingNetwork =
   { net.template scratch<S>(samples) } -> std::same_as<typename N::template Scratch<S>>;
   { net.forward(theta, steps, x, condition, w, y) } -> std::same_as<void>;
   { net.backward(theta, x, w, dtheta) } -> std::same_as<void>;
+  { net.load(theta, prepared) } -> std::same_as<void>;
   { net.prepare(theta, condition, samples, scratch, prepared) } -> std::same_as<void>;
   { net.infer(theta, step, x, prepared, samples, without, scratch, y) } -> std::same_as<void>;
   { net.initialize(dtheta, random) } -> std::same_as<void>;

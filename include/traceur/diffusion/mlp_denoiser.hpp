@@ -104,6 +104,9 @@ public:
   }
 
   template <class S>
+  void load(const S*, Prepared<S>&) const noexcept {}
+
+  template <class S>
   void prepare(const S*, const Condition<S>& condition, Eigen::Index first, Scratch<S>&,
                Prepared<S>& prepared) const noexcept {
     for (Eigen::Index j = 0; j < condition.values.cols(); ++j) {

@@ -82,9 +82,10 @@ public:
     Eigen::Index samples = 0;
   };
 
-  /// What depends on the condition alone.
+  /// What depends on the parameters or the condition alone.
   template <class S>
   struct Prepared {
+    typename nn::Transformer<>::template Packed<S> transformer;
     Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic> tokens;     // with positions, `fixed()` a sample
     Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic> projected;  // by the first layer
     Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic> past;
@@ -164,7 +165,8 @@ public:
   template <class S>
   Prepared<S> prepared(Eigen::Index n) const {
     nn::detail::check_positive("motion generator", "sample", n);
-    return {{width(), n * fixed()},
+    return {transformer_.packed<S>(),
+            {width(), n * fixed()},
             {3 * width(), n * fixed()},
             {p_.past * p_.frame_features, n},
             std::vector<Parts>(static_cast<std::size_t>(n))};
@@ -269,6 +271,11 @@ public:
   }
 
   template <class S>
+  void load(const S* theta, Prepared<S>& prepared) const noexcept {
+    transformer_.pack(theta + at_transformer(), prepared.transformer);
+  }
+
+  template <class S>
   void prepare(const S* theta, const Condition<S>& condition, Eigen::Index first, Scratch<S>& w,
                Prepared<S>& prepared) const noexcept {
     const Eigen::Index n = condition.values.cols();
@@ -285,7 +292,7 @@ public:
                    (condition.parts(j) & past_part) != 0, own);
       own += w.positions.leftCols(fixed());
     }
-    transformer_.project(theta + at_transformer(), all, w.transformer,
+    transformer_.project(theta + at_transformer(), prepared.transformer, all, w.transformer,
                          prepared.projected.middleCols(first * fixed(), n * fixed()));
   }
 
@@ -309,13 +316,13 @@ public:
       own.rightCols(frames()) = w.frame_tokens.middleCols(j * frames(), frames());
       own += w.positions.rightCols(moving);
     }
-    transformer_.project(theta + at_transformer(), w.moving.leftCols(n * moving), w.transformer,
+    transformer_.project(theta + at_transformer(), prepared.transformer, w.moving.leftCols(n * moving), w.transformer,
                          w.moving_projected.leftCols(n * moving));
     for (Eigen::Index j = 0; j < n; ++j) {
       gather(prepared.tokens, w.moving, first + j, j, w.tokens);
       gather(prepared.projected, w.moving_projected, first + j, j, w.projected);
     }
-    transformer_.infer_projected(theta + at_transformer(), w.tokens.leftCols(n * tokens()),
+    transformer_.infer_projected(theta + at_transformer(), prepared.transformer, w.tokens.leftCols(n * tokens()),
                                  w.projected.leftCols(n * tokens()), w.keys.leftCols(n), tokens() - frames(), w.transformer,
                                  w.answers.leftCols(all));
     output_.infer(theta + at_output(), w.answers.leftCols(all), w.output, w.written.leftCols(all));

@@ -28,7 +28,7 @@ class NetworkDenoiser {
 public:
   /// Keeps references to all three; `theta` may change between two uses. For up to `max_samples` samples, of which a job
   /// takes `samples_per_job`. Throws Error for a number below 1.
-  NetworkDenoiser(const N& net, const S* theta, E& executor, Eigen::Index max_samples, Eigen::Index samples_per_job = 2)
+  NetworkDenoiser(const N& net, const S* theta, E& executor, Eigen::Index max_samples, Eigen::Index samples_per_job = 4)
       : net_(net), theta_(theta), executor_(executor), per_job_(samples_per_job), max_(max_samples) {
     nn::detail::check_positive("network denoiser", "sample", max_samples);
     nn::detail::check_positive("network denoiser", "sample in a job", samples_per_job);
@@ -48,6 +48,7 @@ public:
     samples_ = condition.values.cols();
     assert(samples_ <= max_ && condition.values.rows() == condition_features());
     blend_ = blend;
+    net_.load(theta_, *prepared_);
     executor_.run(jobs(), [&](int job, int worker) {
       const auto [first, count] = range(job);
       net_.prepare(theta_, condition.columns(first, count), first, scratch_[static_cast<std::size_t>(worker)], *prepared_);

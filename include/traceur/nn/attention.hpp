@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
 #include <limits>
 #include <string>
 #include <utility>
@@ -12,6 +16,7 @@
 #include <traceur/nn/detail/runs.hpp>
 #include <traceur/nn/initializers.hpp>
 #include <traceur/nn/module.hpp>
+#include <traceur/nn/packed.hpp>
 #include <traceur/nn/product.hpp>
 
 namespace traceur::nn {
@@ -150,20 +155,49 @@ public:
     run<false, S>(theta, x, keys, state, scratch, y);
   }
 
+  /// Weights in the form products work on, for those that use them again and again.
+  template <class S>
+  struct Packed {
+    PackedMatrix<S> queries, others, out;
+  };
+  template <class S>
+  Packed<S> packed() const {
+    return {{width_, width_}, {2 * width_, width_}, {width_, width_}};
+  }
+  template <class S>
+  void pack(const S* theta, Packed<S>& p) const noexcept {
+    const ConstMatrix<S> in = detail::weight_matrix<S>(theta, 3 * width_, width_);
+    p.queries.pack(in.topRows(width_));
+    p.others.pack(in.bottomRows(2 * width_));
+    p.out.pack(detail::weight_matrix<S>(theta + out_weight(), width_, width_));
+  }
+
   /// q, k and v of every column, below each other: 3 width x columns. They depend on nothing but the column, so those of
   /// tokens that stay the same need computing only once.
   template <class S>
-  void project(const S* theta, ConstMatrix<S> x, Scratch<S>& scratch, Matrix<S> qkv) const noexcept {
-    product<S>(detail::weight_matrix<S>(theta, 3 * width_, width_), x, qkv, scratch.product.data(), Into::set,
-               theta + in_bias());
+  void project(const S* theta, const Packed<S>& p, ConstMatrix<S> x, Matrix<S> qkv) const noexcept {
+    p.queries.multiply(x, qkv.topRows(width_), Into::set, theta + in_bias());
+    p.others.multiply(x, qkv.bottomRows(2 * width_), Into::set, theta + in_bias() + width_);
+  }
+
+  /// As `project` of whole samples, but q of the tokens from `from` on only; the others' keep what they hold.
+  template <class S>
+  void project(const S* theta, const Packed<S>& p, ConstMatrix<S> x, Eigen::Index from, Matrix<S> qkv) const noexcept {
+    assert(x.cols() % tokens_ == 0);
+    if (from == 0) return project(theta, p, x, qkv);
+    for (Eigen::Index first = from; first < x.cols(); first += tokens_) {
+      p.queries.multiply(x.middleCols(first, tokens_ - from), qkv.block(0, first, width_, tokens_ - from), Into::set,
+                         theta + in_bias());
+    }
+    p.others.multiply(x, qkv.bottomRows(2 * width_), Into::set, theta + in_bias() + width_);
   }
 
   /// As `infer`, from q, k and v of all tokens, for the tokens from `from` on of every sample only: y has tokens() - from
   /// columns a sample.
   template <class S>
-  void infer_projected(const S* theta, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from, State<S>& state,
-                       Scratch<S>& scratch, Matrix<S> y) const noexcept {
-    attend<false, S>(theta, qkv, keys, from, state, scratch, y);
+  void infer_projected(const S* theta, const Packed<S>& p, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from,
+                       State<S>& state, Scratch<S>& scratch, Matrix<S> y) const noexcept {
+    p.out.multiply(attend<false, S>(qkv, keys, from, state, scratch), y, Into::set, theta + out_bias());
   }
 
   /// Of whichever mask `forward` had: what was left out has weight zero.
@@ -251,18 +285,21 @@ private:
   template <bool keep, class S>
   void run(const S* theta, ConstMatrix<S> x, KeyMask keys, State<S>& state, Scratch<S>& scratch,
            Matrix<S> y) const noexcept {
-    project(theta, x, scratch, state.qkv.leftCols(x.cols()));
-    attend<keep, S>(theta, state.qkv.leftCols(x.cols()), keys, 0, state, scratch, y);
+    S* const work = scratch.product.data();
+    Matrix<S> qkv = state.qkv.leftCols(x.cols());
+    product<S>(detail::weight_matrix<S>(theta, 3 * width_, width_), x, qkv, work, Into::set, theta + in_bias());
+    const ConstMatrix<S> mixed = attend<keep, S>(qkv, keys, 0, state, scratch);
+    product<S>(detail::weight_matrix<S>(theta + out_weight(), width_, width_), mixed, y, work, Into::set,
+               theta + out_bias());
   }
 
-  // From q, k and v of all tokens to y, that of the tokens from `from` on of every sample.
+  // From q, k and v of all tokens to o, that of the tokens from `from` on of every sample.
   template <bool keep, class S>
-  void attend(const S* theta, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from, State<S>& state, Scratch<S>& scratch,
-              Matrix<S> y) const noexcept {
+  ConstMatrix<S> attend(ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from, State<S>& state,
+                        Scratch<S>& scratch) const noexcept {
     const Eigen::Index samples = qkv.cols() / tokens_, asking = tokens_ - from;
     assert(qkv.cols() % tokens_ == 0 && (keys.cols() == 0 || (keys.rows() == tokens_ && keys.cols() == samples)));
     S* const work = scratch.product.data();
-    const ConstMatrix<S> w_out = detail::weight_matrix<S>(theta + out_weight(), width_, width_);
     for (Eigen::Index sample = 0; sample < samples; ++sample) {
       for (Eigen::Index h = 0; h < heads_; ++h) {
         // Weights nobody asks for again stay in the nearest cache.
@@ -273,7 +310,7 @@ private:
         product<S>(head(qkv, 2, h, sample), p, state.mixed.block(h * depth(), sample * asking, depth(), asking), work);
       }
     }
-    product<S>(w_out, state.mixed.leftCols(samples * asking), y, work, Into::set, theta + out_bias());
+    return state.mixed.leftCols(samples * asking);
   }
 
   // Scores to weights, column by column; the first column is token `from`'s.
@@ -308,9 +345,19 @@ private:
     }
   }
 
+  // Eight tokens at a time, as most of them count.
   template <class S>
   void leave_out(S* score, const bool* counts) const noexcept {
-    for (Eigen::Index i = 0; i < tokens_; ++i) score[i] = counts[i] ? score[i] : -std::numeric_limits<S>::infinity();
+    constexpr std::uint64_t all = 0x0101010101010101u;
+    for (Eigen::Index first = 0; first < tokens_; first += 8) {
+      const Eigen::Index end = std::min<Eigen::Index>(first + 8, tokens_);
+      std::uint64_t eight = all;
+      std::memcpy(&eight, counts + first, static_cast<std::size_t>(end - first));
+      if (eight == all) continue;
+      for (Eigen::Index i = first; i < end; ++i) {
+        if (!counts[i]) score[i] = -std::numeric_limits<S>::infinity();
+      }
+    }
   }
 
   Eigen::Index width_;

@@ -13,6 +13,7 @@
 #include <traceur/nn/initializers.hpp>
 #include <traceur/nn/layer_norm.hpp>
 #include <traceur/nn/module.hpp>
+#include <traceur/nn/packed.hpp>
 #include <traceur/nn/product.hpp>
 
 namespace traceur::nn {
@@ -146,36 +147,63 @@ public:
     run<false, S>(theta, x, keys, state, scratch, y);
   }
 
+  /// Weights in the form products work on, for those that use them again and again.
+  template <class S>
+  struct Packed {
+    Attention::Packed<S> attention;
+    PackedMatrix<S> linear1, linear2;
+  };
+  template <class S>
+  Packed<S> packed() const {
+    return {attention_.template packed<S>(), {linear1_.outputs(), inputs()}, {inputs(), linear1_.outputs()}};
+  }
+  template <class S>
+  void pack(const S* theta, Packed<S>& p) const noexcept {
+    const Feed<const S> f = feed(theta);
+    attention_.pack(theta, p.attention);
+    p.linear1.pack(detail::weight_matrix<S>(f.weight1, linear1_.outputs(), inputs()));
+    p.linear2.pack(detail::weight_matrix<S>(f.weight2, inputs(), linear1_.outputs()));
+  }
+
   /// What the layer makes of each token by itself: `Attention::project` of x, or of its norm.
   template <class S>
-  void project(const S* theta, ConstMatrix<S> x, State<S>& state, Scratch<S>& scratch, Matrix<S> qkv) const noexcept {
-    if (order_ == NormOrder::before) {
-      Matrix<S> first = state.first.leftCols(x.cols());
-      norm1_.forward(theta + at_norm1(), x, state.norm1, first);
-      attention_.project(theta, first, scratch.attention, qkv);
-    } else {
-      attention_.project(theta, x, scratch.attention, qkv);
-    }
+  void project(const S* theta, const Packed<S>& p, ConstMatrix<S> x, State<S>& state, Matrix<S> qkv) const noexcept {
+    attention_.project(theta, p.attention, to_project(theta, x, state), qkv);
+  }
+  template <class S>
+  void project(const S* theta, const Packed<S>& p, ConstMatrix<S> x, Eigen::Index from, State<S>& state,
+               Matrix<S> qkv) const noexcept {
+    attention_.project(theta, p.attention, to_project(theta, x, state), from, qkv);
   }
 
   /// As `infer`, given `project` of x, for the tokens from `from` on of every sample only: y has tokens() - from columns a
   /// sample.
   template <class S>
-  void infer_projected(const S* theta, ConstMatrix<S> x, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from,
-                       State<S>& state, Scratch<S>& scratch, Matrix<S> y) const noexcept {
+  void infer_projected(const S* theta, const Packed<S>& p, ConstMatrix<S> x, ConstMatrix<S> qkv, KeyMask keys,
+                       Eigen::Index from, State<S>& state, Scratch<S>& scratch, Matrix<S> y) const noexcept {
     const Eigen::Index samples = x.cols() / tokens(), asking = tokens() - from, n = samples * asking;
     Matrix<S> first = state.first.leftCols(n), middle = state.middle.leftCols(n), second = state.second.leftCols(n);
     Matrix<S> sum = order_ == NormOrder::before ? middle : first;
-    attention_.infer_projected(theta, qkv, keys, from, state.attention, scratch.attention, sum);
+    attention_.infer_projected(theta, p.attention, qkv, keys, from, state.attention, scratch.attention, sum);
     for (Eigen::Index sample = 0; sample < samples; ++sample) {
       sum.middleCols(sample * asking, asking) += x.middleCols(sample * tokens() + from, asking);
     }
+    // to = beside + W_2 A(W_1 in + b_1) + b_2
+    const auto feed_packed = [&](ConstMatrix<S> in, ConstMatrix<S> beside, Matrix<S> to) {
+      const Feed<const S> f = feed(theta);
+      Matrix<S> hidden = state.activated.leftCols(n);
+      p.linear1.multiply(in, hidden, Into::set, f.bias1, [&](Eigen::Index begin, Eigen::Index count) {
+        activate<A, S>(hidden.middleCols(begin, count), hidden.middleCols(begin, count));
+      });
+      to = beside.colwise() + Eigen::Map<const detail::FlatStorage<S>>(f.bias2, inputs());
+      p.linear2.multiply(hidden, to, Into::add);
+    };
     if (order_ == NormOrder::before) {
       norm2_.forward(theta + at_norm2(), middle, state.norm2, second);
-      feed_forward<false, S>(theta, second, middle, state, scratch, y);
+      feed_packed(second, middle, y);
     } else {
       norm1_.forward(theta + at_norm1(), first, state.norm1, middle);
-      feed_forward<false, S>(theta, middle, middle, state, scratch, second);
+      feed_packed(middle, middle, second);
       norm2_.forward(theta + at_norm2(), second, state.norm2, y);
     }
   }
@@ -234,6 +262,14 @@ private:
   Eigen::Index at_linear2() const noexcept { return at_linear1() + linear1_.parameters(); }
   Eigen::Index at_norm1() const noexcept { return at_linear2() + linear2_.parameters(); }
   Eigen::Index at_norm2() const noexcept { return at_norm1() + norm1_.parameters(); }
+
+  template <class S>
+  ConstMatrix<S> to_project(const S* theta, ConstMatrix<S> x, State<S>& state) const noexcept {
+    if (order_ == NormOrder::after) return x;
+    Matrix<S> first = state.first.leftCols(x.cols());
+    norm1_.forward(theta + at_norm1(), x, state.norm1, first);
+    return first;
+  }
 
   // Weights of the feed-forward network, or their gradients.
   template <class S>
@@ -410,27 +446,47 @@ public:
     if (final_norm_) norm_.forward(theta + at_norm(), w.between[last].leftCols(n), w.norm, y);
   }
 
+  /// Weights in the form products work on, for those that use them again and again: a copy of the parameters but for
+  /// biases and norms.
+  template <class S>
+  struct Packed {
+    std::vector<typename TransformerLayer<A>::template Packed<S>> layers;
+  };
+  template <class S>
+  Packed<S> packed() const {
+    Packed<S> p;
+    for (Eigen::Index l = 0; l < count_; ++l) p.layers.push_back(layer_.template packed<S>());
+    return p;
+  }
+  template <class S>
+  void pack(const S* theta, Packed<S>& p) const noexcept {
+    for (Eigen::Index l = 0; l < count_; ++l) {
+      layer_.pack(theta + l * layer_.parameters(), p.layers[static_cast<std::size_t>(l)]);
+    }
+  }
+
   /// What the first layer makes of each token by itself, q, k and v below each other: 3 inputs() x columns. Of tokens that
   /// stay the same from call to call it needs computing only once.
   template <class S>
-  void project(const S* theta, ConstMatrix<S> x, Workspace<S>& w, Matrix<S> qkv) const noexcept {
-    layer_.project(theta, x, w.layers[0], w.scratch, qkv);
+  void project(const S* theta, const Packed<S>& p, ConstMatrix<S> x, Workspace<S>& w, Matrix<S> qkv) const noexcept {
+    layer_.project(theta, p.layers[0], x, w.layers[0], qkv);
   }
 
-  /// As `infer`, given `project` of x, for the tokens from `from` on of every sample only, which the last layer alone then
-  /// works on: y has tokens() - from columns a sample.
+  /// As `infer`, given `pack` of theta and `project` of x, for the tokens from `from` on of every sample only, which the last
+  /// layer alone then works on: y has tokens() - from columns a sample.
   template <class S>
-  void infer_projected(const S* theta, ConstMatrix<S> x, ConstMatrix<S> qkv, KeyMask keys, Eigen::Index from,
-                       Workspace<S>& w, Matrix<S> y) const noexcept {
+  void infer_projected(const S* theta, const Packed<S>& p, ConstMatrix<S> x, ConstMatrix<S> qkv, KeyMask keys,
+                       Eigen::Index from, Workspace<S>& w, Matrix<S> y) const noexcept {
     const Eigen::Index n = x.cols(), asking = y.cols();
     for (Eigen::Index l = 0; l < count_; ++l) {
       const auto own = static_cast<std::size_t>(l % 2), last = static_cast<std::size_t>((l + 1) % 2);
       const ConstMatrix<S> in = l == 0 ? x : ConstMatrix<S>(w.between[last].leftCols(n));
       const bool end = l + 1 == count_;
-      const S* const own_theta = theta + l * layer_.parameters();
+      const S* const at = theta + l * layer_.parameters();
+      const auto& weights = p.layers[static_cast<std::size_t>(l)];
       Matrix<S> projected = w.layers[0].attention.qkv.leftCols(n);
-      if (l > 0) layer_.project(own_theta, in, w.layers[0], w.scratch, projected);
-      layer_.infer_projected(own_theta, in, l == 0 ? qkv : ConstMatrix<S>(projected), keys, end ? from : Eigen::Index{0},
+      if (l > 0) layer_.project(at, weights, in, end ? from : Eigen::Index{0}, w.layers[0], projected);
+      layer_.infer_projected(at, weights, in, l == 0 ? qkv : ConstMatrix<S>(projected), keys, end ? from : Eigen::Index{0},
                              w.layers[0], w.scratch,
                              !end          ? Matrix<S>(w.between[own].leftCols(n))
                              : final_norm_ ? Matrix<S>(w.between[own].leftCols(asking))

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <type_traits>
+#include <utility>
 
 #include <Eigen/Core>
 
@@ -9,6 +10,14 @@
 #include <traceur/nn/product.hpp>
 
 namespace traceur::nn::detail {
+
+/// 0, 1, 2 and so on.
+template <class S>
+[[gnu::always_inline]] inline core::Pack<S> lane_numbers() noexcept {
+  return [&]<int... lane>(std::integer_sequence<int, lane...>) __attribute__((always_inline)) {
+    return core::Pack<S>(typename core::Pack<S>::Vector{static_cast<S>(lane)...});
+  }(std::make_integer_sequence<int, core::Pack<S>::width>{});
+}
 
 /// The numbers [at, at + count) of an array, one register wide; `full` if they fill it. Reductions over runs depend neither
 /// on where an array lies in memory nor on what is around it, as those of Eigen do.
@@ -39,11 +48,7 @@ struct Run {
     if constexpr (full) {
       return values;
     } else {
-      P out(other);
-      for (int lane = 0; lane < P::width; ++lane) {
-        if (lane < count) out.set(lane, values[lane]);
-      }
-      return out;
+      return select(lane_numbers<S>() < P(static_cast<S>(count)), values, P(other));
     }
   }
 };
@@ -57,22 +62,32 @@ template <class S, class F>
   if (at < n) f(Run<S, false>{at, n - at});
 }
 
-/// The sum of the lanes, by halves.
-template <class S>
-[[gnu::always_inline]] inline S sum(const core::Pack<S>& values) noexcept {
-  S lanes[core::Pack<S>::width];
-  values.store(lanes);
-  for (int half = core::Pack<S>::width / 2; half > 0; half /= 2) {
-    for (int i = 0; i < half; ++i) lanes[i] += lanes[i + half];
-  }
-  return lanes[0];
+/// Lane `i + Half` in lane `i`.
+template <int Half, class S>
+[[gnu::always_inline]] inline core::Pack<S> shifted(const core::Pack<S>& values) noexcept {
+  return [&]<int... lane>(std::integer_sequence<int, lane...>) __attribute__((always_inline)) {
+    return core::Pack<S>(__builtin_shufflevector(values.v, values.v, (lane + Half)...));
+  }(std::make_integer_sequence<int, core::Pack<S>::width>{});
 }
 
-template <class S>
+/// The sum of the lanes, by halves.
+template <class S, int Half = core::Pack<S>::width / 2>
+[[gnu::always_inline]] inline S sum(const core::Pack<S>& values) noexcept {
+  if constexpr (Half == 0) {
+    return values[0];
+  } else {
+    return sum<S, Half / 2>(values + shifted<Half>(values));
+  }
+}
+
+template <class S, int Half = core::Pack<S>::width / 2>
 [[gnu::always_inline]] inline S largest(const core::Pack<S>& values) noexcept {
-  S best = values[0];
-  for (int i = 1; i < core::Pack<S>::width; ++i) best = values[i] > best ? values[i] : best;
-  return best;
+  if constexpr (Half == 0) {
+    return values[0];
+  } else {
+    const core::Pack<S> other = shifted<Half>(values);
+    return largest<S, Half / 2>(select(other > values, other, values));
+  }
 }
 
 }  // namespace traceur::nn::detail
