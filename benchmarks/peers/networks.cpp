@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Networks beside libtorch's, in float on one thread, turn about in one process: a perceptron 200-1024-512-28 forward
-// and backward on 4096 samples and on one; a transformer encoder (width 256, 4 layers, 4 heads, feed-forward 1024, 80
+// and backward on 4096 samples, forward on one, there also with weights in bfloat16; a transformer encoder (width 256, 4 layers, 4 heads, feed-forward 1024, 80
 // tokens, 32 samples) forward by libtorch's fused layers. Times are CPU seconds of the thread, the least of all turns.
 // libtorch multiplies with the system's BLAS: with the reference one it is several times slower than with OpenBLAS.
 //
@@ -15,6 +15,7 @@
 #include <torch/torch.h>
 
 #include <traceur/core/random.hpp>
+#include <traceur/nn/compact_mlp.hpp>
 #include <traceur/nn/mlp.hpp>
 #include <traceur/nn/transformer.hpp>
 
@@ -93,6 +94,11 @@ int main() try {
   const Times infer = measure(
       20, 200, [&] { mlp.infer<float>(theta.data(), one, small, out); }, [&] { peer->forward(one_peer); });
   report("mlp_infer", infer, 1e6, "us");
+  const nn::CompactMlp<> compact(mlp, theta.data());
+  auto compact_memory = compact.workspace();
+  const Times compact_infer = measure(
+      20, 200, [&] { compact.infer(one.data(), compact_memory, out.data()); }, [&] { peer->forward(one_peer); });
+  report("mlp_infer_compact", compact_infer, 1e6, "us");
 
   nn::TransformerParameters p;
   p.layers = 4;
@@ -125,6 +131,7 @@ int main() try {
 
   std::printf("ratio mlp_train_libtorch %.2f\n", train.theirs / train.ours);
   std::printf("ratio mlp_infer_libtorch %.2f\n", infer.theirs / infer.ours);
+  std::printf("ratio mlp_infer_compact_libtorch %.2f\n", compact_infer.theirs / compact_infer.ours);
   std::printf("ratio transformer_libtorch %.2f\n", encode.theirs / encode.ours);
   return 0;
 } catch (const std::exception& error) {

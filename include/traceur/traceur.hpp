@@ -133,6 +133,7 @@
 #include <traceur/motion/time_warp.hpp>
 #include <traceur/nn/activation.hpp>
 #include <traceur/nn/attention.hpp>
+#include <traceur/nn/compact_mlp.hpp>
 #include <traceur/nn/convolution.hpp>
 #include <traceur/nn/data_parallel.hpp>
 #include <traceur/nn/dense.hpp>

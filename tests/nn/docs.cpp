@@ -5,6 +5,7 @@
 
 #include <doctest/doctest.h>
 
+#include <traceur/nn/compact_mlp.hpp>
 #include <traceur/nn/data_parallel.hpp>
 #include <traceur/nn/gaussian_head.hpp>
 #include <traceur/nn/mlp.hpp>
@@ -36,6 +37,12 @@ TEST_CASE("docs/nn.md") {
     adam.step(theta, gradient, rate(step));
   }
   CHECK((y - goal).cwiseAbs().maxCoeff() < 0.03f);
+
+  CompactMlp<Tanh> compact(net, theta.data());  // load() takes new parameters
+  auto room = compact.workspace();
+  float in = 0.5f, estimate;
+  compact.infer(&in, room, &estimate);
+  CHECK(std::abs(estimate - std::sin(1.5f)) < 0.06f);
 
   // A policy's action, and the gradient that makes it more probable.
   const Mlp<> policy({10, 64, 3});

@@ -165,3 +165,22 @@ TEST_CASE("what is not a number reaches only its own row and column") {
   traceur::nn::product<float>(row, x, values, scratch.data());
   for (Index j = 0; j < 30; ++j) CHECK(std::isnan(values(0, j)) == (j == 7));
 }
+
+TEST_CASE_TEMPLATE("columns that meet a zero are left out without a trace", S, float, double) {
+  for (const Index rows : {37, 512}) {
+    const Index cols = 1000;
+    const Table<S> w = random_table<S>(rows, cols, 8), bias = random_table<S>(rows, 1, 9);
+    Table<S> x = random_table<S>(cols, 3, 10);
+    x = (x.array() < S(0)).select(S(0), x);
+    x.col(2).setZero();
+    Scratch<S> scratch(rows, cols);
+    Table<S> all(rows, 3), one(rows, 1);
+    traceur::nn::product<S>(w, x, all, scratch.data(), Into::set, bias.data());
+    for (Index j = 0; j < 3; ++j) {
+      traceur::nn::product<S>(w, x.col(j), one, scratch.data(), Into::set, bias.data());
+      CHECK(one == all.col(j));
+    }
+    CHECK(one == bias);
+    CHECK(scratch.whole());
+  }
+}

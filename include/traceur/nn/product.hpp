@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cassert>
+#include <cstdint>
 #include <type_traits>
 #include <utility>
 
@@ -173,27 +174,32 @@ void multiply_narrow(ConstMatrix<S> w, ConstMatrix<S> x, Start<S> start, Matrix<
   }
 }
 
-/// V registers of rows of y = start + w x for a single column. The last register has `last` rows.
-template <class S, int V>
-[[gnu::noinline]] void multiply_column(Eigen::Index depth, const S* a, Eigen::Index a_step, const S* x, const S* start,
-                                       S* y, Eigen::Index last) noexcept {
+// A matrix of more numbers than this is fetched from a far cache for every single column, so columns of it that meet a
+// zero are worth finding.
+inline constexpr Eigen::Index sparing_size = 1 << 15;
+
+/// V registers of rows of y = start + w x for a single column. The last register has `last` rows. If `Sparing`, only
+/// the `depth` columns of w that `columns` lists.
+template <class S, int V, bool Sparing>
+[[gnu::noinline]] void multiply_column(Eigen::Index depth, const S* a, Eigen::Index a_step, const S* x,
+                                       const std::int32_t* columns, const S* start, S* y, Eigen::Index last) noexcept {
   using Vector = VectorOf<S>;
   const bool part = masked<S> || last < lanes<S>;
   Vector sum[V] = {};
   if (start != nullptr) load_rows<S, V>(start, part, last, sum);
-  for (Eigen::Index k = 0; k < depth; ++k, a += a_step) {
+  for (Eigen::Index i = 0; i < depth; ++i) {
+    const Eigen::Index k = Sparing ? Eigen::Index{columns[i]} : i;
     Vector left[V];
-    load_rows<S, V>(a, part, last, left);
+    load_rows<S, V>(a + k * a_step, part, last, left);
     const Vector factor = x[k] - Vector{};
     unroll<V>([&](auto v) __attribute__((always_inline)) { sum[v] = sum[v] + left[v] * factor; });
   }
   store_rows<S, V>(y, part, last, sum);
 }
 
-/// y = start + w x for a single column, straight from w.
-template <class S>
-void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::Index a_step, const S* x, const S* start,
-                     S* y) noexcept {
+template <class S, bool Sparing>
+void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::Index a_step, const S* x,
+                     const std::int32_t* columns, const S* start, S* y) noexcept {
   constexpr Eigen::Index w = lanes<S>;
   const Eigen::Index vectors = padded_rows<S>(rows) / w;
   Eigen::Index v = 0;
@@ -202,8 +208,8 @@ void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::I
       constexpr int n = decltype(taken)::value;
       if (vectors - v < n) return false;
       const Eigen::Index row = v * w;
-      multiply_column<S, n>(depth, a + row, a_step, x, start ? start + row : nullptr, y + row,
-                            std::min(w, rows - row - (n - 1) * w));
+      multiply_column<S, n, Sparing>(depth, a + row, a_step, x, columns, start ? start + row : nullptr, y + row,
+                                     std::min(w, rows - row - (n - 1) * w));
       v += n;
       return true;
     };
@@ -215,6 +221,23 @@ void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::I
     if (go(std::integral_constant<int, 2>{})) continue;
     go(std::integral_constant<int, 1>{});
   }
+}
+
+/// y = start + w x for a single column, straight from w. Columns of a large matrix that meet an exact zero, as a ReLU
+/// leaves many, are not read: a sum does not change by them, unless they are not finite. `scratch` as for `product`.
+template <class S>
+void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::Index a_step, const S* x, const S* start,
+                     S* y, S* scratch) noexcept {
+  if (rows * depth <= sparing_size || rows < lanes<S>) {
+    return multiply_column<S, false>(rows, depth, a, a_step, x, nullptr, start, y);
+  }
+  auto* const columns = reinterpret_cast<std::int32_t*>(scratch);
+  Eigen::Index count = 0;
+  for (Eigen::Index k = 0; k < depth; ++k) {
+    columns[count] = static_cast<std::int32_t>(k);
+    count += x[k] != S(0) ? 1 : 0;
+  }
+  multiply_column<S, true>(rows, count, a, a_step, x, columns, start, y);
 }
 
 /// As `product`, and calls `after(first, count)` for the columns [first, first + count) of y when they are done, each
@@ -230,7 +253,7 @@ void product_by_strips(ConstMatrix<S> w, ConstMatrix<S> x, Start<S> start, Matri
     return;
   }
   if (columns == 1) {
-    multiply_column<S>(rows, depth, w.data(), w.outerStride(), x.data(), start.from, y.data());
+    multiply_column<S>(rows, depth, w.data(), w.outerStride(), x.data(), start.from, y.data(), scratch);
     after(Eigen::Index{0}, Eigen::Index{1});
     return;
   }
