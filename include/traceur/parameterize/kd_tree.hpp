@@ -172,6 +172,7 @@ private:
         }
         return true;
       }
+      tree.fetch_children(node);
       const std::size_t axis = index(node.axis);
       const double gap = x[axis] - node.split;
       const bool below = gap < 0.0;
@@ -200,9 +201,17 @@ private:
         std::array<double, leaf_size> squared;
         tree.compare(node.left, x, squared);
         const int* ids = tree.ids_.data() + node.left * leaf_size;
+        if (found == static_cast<int>(out.size())) {
+          // Most leaves of a search hold nothing near enough, which one comparison of all tells.
+          const double farthest = out.back().squared_distance;
+          bool some = false;
+          for (const double distance : squared) some |= distance <= farthest;
+          if (!some) return;
+        }
         for (int i = 0; i < node.count; ++i) offer({ids[i], squared[index(i)]});
         return;
       }
+      tree.fetch_children(node);
       const std::size_t axis = index(node.axis);
       const double gap = x[axis] - node.split;
       const bool below = gap < 0.0;
@@ -227,6 +236,12 @@ private:
       out[i] = candidate;
     }
   };
+
+  // The second child is asked for by the time the first is done; what is in a distant cache comes meanwhile.
+  void fetch_children(const Node& node) const noexcept {
+    __builtin_prefetch(&at(node.left));
+    __builtin_prefetch(&at(node.right));
+  }
 
   static std::size_t index(int i) noexcept { return static_cast<std::size_t>(i); }
   Node& at(int i) noexcept { return nodes_[index(i)]; }
