@@ -18,6 +18,7 @@ struct Effort {
   int one_shot_starts = 16;     ///< starts of each candidate where a trial is short
   int gait_generations = 600;   ///< in place of the learning's own number, which is for motions done once
   int one_shot_patience = 250;  ///< they improve slowly for long: their success has no second chance to add up
+  int hardening_generations = 250;
   double smoothing_s = 0.03;    ///< standard deviation of the Gaussian over the clip before the search
   double least_search_s = 3.6;  ///< gaits are searched over as many cycles as fill this, at least three
   int trials = 100;             ///< unseen starts
@@ -53,7 +54,25 @@ struct Effort {
     return e;
   }
 
-  /// Learning that goes on from a law which nearly holds.
+  /// Learning that goes on from a law which holds, in worlds that differ.
+  traceur::control::FeedbackLearning hardening() const {
+    traceur::control::FeedbackLearning p;
+    p.population = 24;
+    p.starts = 8;
+    p.sigma = 0.05;
+    p.generations = hardening_generations;
+    p.patience = 1 << 20;
+    p.first_seconds = 6;
+    p.last_seconds = 12;
+    p.perturbation_step = 0.5;
+    p.first_perturbation = 1;
+    p.validation_episodes = 96;
+    p.worlds = 4;
+    p.push = 8;
+    return p;
+  }
+
+  /// Learning on an engine from a law which nearly holds there.
   traceur::control::FeedbackLearning fine_tuning() const {
     traceur::control::FeedbackLearning p;
     p.population = 12;
@@ -86,6 +105,7 @@ struct Effort {
     e.learning.starts = 8;
     e.learning.generations = 60;
     e.gait_generations = 160;
+    e.hardening_generations = 30;
     e.learning.last_seconds = 8;
     e.learning.validation_episodes = 16;
     e.trial_s = 20;

@@ -27,12 +27,18 @@ using traceur::control::TrackingReference;
 
 void test_and_show(const Options& options, const Scene& scene, Learned learned, const TrackingReference& measured,
                    Performer& performer, Report& report) {
+  if (options.robust) {
+    const Learned hardened = performer.harden(learned.controller);
+    report.add_hardening(hardened);
+    learned.controller.law = hardened.controller.law;
+  }
   if (options.fine_tune_s > 0) {
     const Learned tuned = performer.fine_tune(learned.controller, options.fine_tune_s);
     report.add_fine_tuning(tuned);
     learned.controller.law = tuned.controller.law;
-    traceur::io::write_controller(options.out / "controller.json", learned.controller);
   }
+  if (options.robust || options.fine_tune_s > 0)
+    traceur::io::write_controller(options.out / "controller.json", learned.controller);
   report.add(performer.test(learned.controller, measured), learned);
   const PushResult pushes = performer.push(learned.controller);
   report.add(pushes);

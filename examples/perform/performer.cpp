@@ -17,8 +17,8 @@ namespace {
 constexpr int ticks_per_second = 60;
 constexpr double push_s = 0.1;
 
-// Streams of random starts. Learning uses 999 and those from 1000 on.
-constexpr std::uint64_t trial_stream = 900, push_stream = 901, record_stream = 902;
+// Streams of random starts. Learning uses those from 980 on.
+constexpr std::uint64_t trial_stream = 900, push_stream = 901, record_stream = 902, tuning_stream = 903;
 
 Runners make_runners(const core::ThreadExecutor& executor, const sim::Model& model, const sim::Parameters& simulation,
                      const sim::Ground<float>& ground, const control::TrackingCost& cost) {
@@ -49,6 +49,42 @@ private:
   std::shared_ptr<Engine> engine_;
   double most_s_;
   Clock clock_;
+};
+
+/// The bundled dynamics of one lane, with a look at it after every time step.
+class WatchedSteps final : public Engine {
+public:
+  using Look = std::function<void(const sim::Lanes<Lane>&)>;
+  WatchedSteps(double dt, Look look) : dt_(dt), look_(std::move(look)) {}
+  bool fits(const sim::Model&) const override { return true; }
+  void begin(const sim::Lanes<Lane>&, int) override {}
+  void push(int, int body, const Vector3<double>& force, const Vector3<double>& point) override {
+    push_ = {body, force.cast<float>(), point.cast<float>()};
+  }
+  void step(sim::Lanes<Lane>& lanes, double seconds, std::span<const bool>) override {
+    const int steps = static_cast<int>(std::lround(seconds / dt_));
+    std::vector<Vector3<float>> forces(lanes.body_force().size(), Vector3<float>::zero());
+    for (int s = 0; s < steps; ++s) {
+      if (push_.body >= 0) lanes.push(0, push_.body, push_.force, push_.point);
+      lanes.step(1);
+      look_(lanes);
+      for (std::size_t b = 0; b < forces.size(); ++b) {
+        const Vector3<Lane>& f = lanes.body_force()[b];
+        forces[b] += (1.0F / static_cast<float>(steps)) * Vector3<float>{core::lane_of(f.x, 0), core::lane_of(f.y, 0), core::lane_of(f.z, 0)};
+      }
+    }
+    for (std::size_t b = 0; b < forces.size(); ++b) lanes.set_body_force(0, static_cast<int>(b), forces[b]);
+    push_.body = -1;
+  }
+
+private:
+  struct Force {
+    int body = -1;
+    Vector3<float> force{0, 0, 0}, point{0, 0, 0};
+  };
+  double dt_;
+  Look look_;
+  Force push_;
 };
 
 Vector3<double> lane_vector(const Vector3<Lane>& v, int lane) {
@@ -230,7 +266,109 @@ Runners Performer::chosen_runners(const control::Controller& c, double most_s) {
   return out;
 }
 
+Learned Performer::harden(const control::Controller& c) {
+  const Clock clock;
+  Learned out;
+  out.controller = c;
+  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  control::FeedbackLearning settings = effort_.hardening();
+  settings.seed = options_.seed;
+  settings.starts_moved = perturbation(c);
+  ProgressLine line("hardening, generation", 0, settings.generations);
+  const auto progress = [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
+    char text[120];
+    std::snprintf(text, sizeof text, "cost %.3g, %.0f %% succeed", s.mean_cost, 100 * s.mean_success);
+    line.tell(s.generation, text);
+    return !interruption_asked();
+  };
+  const control::FeedbackProgress last = control::learn_feedback(runners, c, settings, executor_, progress);
+  // Like a search, it is repeated when a job goes on.
+  if (interruption_asked()) throw Interrupted{};
+  out.controller.law = last.best_law;
+  out.generations = last.generation;
+  out.wall_s = clock.seconds();
+  out.simulated_s = last.simulated_seconds;
+  return out;
+}
+
+Learned Performer::tune_for_engine(const control::Controller& c, double seconds) {
+  constexpr int trials = 16;
+  const Clock clock;
+  Learned out;
+  out.controller = c;
+  Runners here = make_runners(executor_, scene_.model, c.simulation, ground_, cost_), there = chosen_runners(c, seconds);
+  struct Score {
+    int survived = -1;
+    double seconds = 0;
+    bool operator>(const Score& other) const {
+      return survived != other.survived ? survived > other.survived : seconds > other.seconds;
+    }
+  } best;
+  ProgressLine line("fine-tuning, second", 0, static_cast<int>(std::ceil(seconds)));
+  const auto tell = [&](const char* what, int generation) {
+    char text[120];
+    std::snprintf(text, sizeof text, "%s, generation %d, %d of %d trials survived", what, generation, std::max(0, best.survived), trials);
+    line.tell(std::min(static_cast<int>(clock.seconds()), static_cast<int>(seconds)), text);
+    return !interruption_asked();
+  };
+  /// Takes a law that does better there. Returns whether there is nothing more to learn.
+  const auto consider = [&](const Eigen::VectorXd& law) {
+    control::Controller trial = c;
+    trial.law = law;
+    Score score{0, 0};
+    for (const control::EpisodeResult& r : control::run_episodes(there, trial, settings(c, tuning_stream), trials, executor_)) {
+      score.survived += c.cyclic ? r.survived : r.reached_end;
+      score.seconds += r.seconds;
+      out.simulated_s += r.seconds;
+    }
+    if (score > best) {
+      best = score;
+      out.controller.law = law;
+    }
+    return best.survived == trials;
+  };
+  const auto goes_on = [&](double until) { return clock.seconds() < until && !interruption_asked(); };
+  try {
+    bool holds = consider(c.law);
+    if (!holds) {
+      // The bundled simulator learns some hundred times as fast.
+      control::FeedbackLearning other_worlds = effort_.hardening();
+      other_worlds.generations = 1 << 20;
+      other_worlds.seed = options_.seed;
+      other_worlds.starts_moved = perturbation(c);
+      const double until = clock.seconds() + 0.6 * (seconds - clock.seconds());
+      const control::FeedbackProgress s = control::learn_feedback(here, c, other_worlds, executor_,
+                                                                  [&](const control::FeedbackProgress& now, const optimize::CmaEs&) {
+                                                                    return tell("other worlds", now.generation) && goes_on(until);
+                                                                  });
+      out.generations += s.generation;
+      out.simulated_s += s.simulated_seconds;
+      if (!interruption_asked()) holds = consider(s.best_law);
+    }
+    if (!holds && !interruption_asked()) {
+      control::FeedbackLearning its_own = effort_.fine_tuning();
+      its_own.seed = options_.seed;
+      its_own.starts_moved = perturbation(c);
+      const control::Controller start = out.controller;
+      double simulated = 0;
+      control::learn_feedback(there, start, its_own, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
+        out.controller.law = s.best_law;
+        ++out.generations;
+        out.simulated_s += s.simulated_seconds - simulated;
+        simulated = s.simulated_seconds;
+        return tell("on the engine", s.generation) && goes_on(seconds);
+      });
+    }
+  } catch (const TimeIsUp&) {
+    // What is left of an unfinished generation is of no use.
+  }
+  if (interruption_asked()) throw Interrupted{};
+  out.wall_s = clock.seconds();
+  return out;
+}
+
 Learned Performer::fine_tune(const control::Controller& c, double seconds) {
+  if (options_.simulator != "bundled") return tune_for_engine(c, seconds);
   const Clock clock;
   Learned out;
   out.controller = c;
@@ -394,16 +532,29 @@ Recording Performer::record(const control::Controller& c, double push_Ns) {
   Recording out;
   const sim::Model& model = scene_.model;
   std::vector<Eigen::VectorXd> poses, references;
-  SoleSlide slide(model, scene_.roles, ground_);
-  const auto observe = [&](int tick, const sim::Lanes<Lane>& lanes) {
-    Eigen::VectorXd q(model.nq);
+  SoleSlide slide(model, scene_.roles, ground_, c.simulation);
+  const bool bundled = options_.simulator == "bundled";
+  const auto pose_of = [&](const sim::Lanes<Lane>& lanes, Eigen::VectorXd& q, body::Frames<double>& frames) {
     for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
     body::normalize(model.character.skeleton, q.data());
+    body::forward_kinematics(model.character.skeleton, q.data(), frames);
+  };
+  Eigen::VectorXd q(model.nq);
+  body::Frames<double> frames(model.character.skeleton);
+  if (bundled)
+    runners[0].use(std::make_shared<WatchedSteps>(c.simulation.dt, [&](const sim::Lanes<Lane>& lanes) {
+      pose_of(lanes, q, frames);
+      slide.add_step(frames, [&](std::size_t contact) {
+        const sim::ContactMemory<Lane> m = lanes.contact_memory(contact);
+        return sim::ContactMemory<double>{lane_vector(m.bristle, 0), core::lane_of(m.normal_force, 0), core::lane_of(m.sliding_speed, 0)};
+      });
+    }));
+  const auto observe = [&](int tick, const sim::Lanes<Lane>& lanes) {
+    pose_of(lanes, q, frames);
     poses.push_back(q);
     references.push_back(reference_pose(c, tick + 1));
-    body::Frames<double> frames(model.character.skeleton);
-    body::forward_kinematics(model.character.skeleton, q.data(), frames);
-    slide.add(frames, c.tick, [&](int b) { return norm(lane_vector(lanes.body_force()[static_cast<std::size_t>(b)], 0)); });
+    if (!bundled)
+      slide.add(frames, c.tick, [&](int b) { return norm(lane_vector(lanes.body_force()[static_cast<std::size_t>(b)], 0)); });
     std::vector<Recording::Contact> contacts;
     for (std::size_t b = 0; b < model.bodies.size(); ++b) {
       const sim::MovingBody& m = model.bodies[b];
@@ -439,7 +590,7 @@ Recording Performer::record(const control::Controller& c, double push_Ns) {
   };
   runners[0].run(
       c, e, 1, [&](int) { return c.law.data(); }, [](int) { return 0; }, [&](int) { return push; }, observe);
-  out.sole_slide_m_s = slide.mean();
+  out.sole_slide = slide.mean();
   const auto keys = static_cast<Eigen::Index>(poses.size());
   out.clip.name = c.clip + ", simulated";
   out.clip.skeleton = model.character.skeleton;

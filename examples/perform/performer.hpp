@@ -10,6 +10,7 @@
 #include "engines.hpp"
 #include "job_folder.hpp"
 #include "preparation.hpp"
+#include "sole_slide.hpp"
 #include "traceur/core/executor.hpp"
 
 namespace perform {
@@ -53,7 +54,7 @@ struct Recording {
   std::vector<traceur::core::Vector3<double>> push_points;    ///< of each key, m
   std::vector<traceur::core::Vector3<double>> push_impulses;  ///< of each key, N s
   Eigen::MatrixXd reference;                                  ///< poses of the controller's reference at the same keys
-  double sole_slide_m_s = 0;                                  ///< mean speed of what touches of the soles, weighted by load
+  SlideShares sole_slide;                                     ///< its shares are known of the bundled simulator only
 };
 
 /// Learning done, or a controller that was read.
@@ -76,7 +77,9 @@ public:
   OpenLoopResult judge(const Motion& motion, const SavedSearch& search) const;
   /// Learns a feedback law around the targets.
   Learned learn(const Motion& motion, const SavedSearch& search);
-  /// Goes on learning the law on the simulator that the user chose, for at most so many seconds of wall time.
+  /// Goes on learning the law in worlds that differ, on the bundled simulator.
+  Learned harden(const traceur::control::Controller& controller);
+  /// Goes on learning the law for the simulator that the user chose, for at most so many seconds of wall time.
   Learned fine_tune(const traceur::control::Controller& controller, double seconds);
   /// `measured` is what errors are measured against: the controller's reference without smoothing.
   TrialResult test(const traceur::control::Controller& controller, const traceur::control::TrackingReference& measured);
@@ -88,6 +91,7 @@ private:
   /// On the simulator that the user chose. They look at the controller's constants; an engine gives up after `most_s`.
   Runners chosen_runners(const traceur::control::Controller& controller,
                          double most_s = std::numeric_limits<double>::infinity());
+  Learned tune_for_engine(const traceur::control::Controller& controller, double seconds);
   traceur::control::Perturbation perturbation(const traceur::control::Controller& controller) const;
   int windows_of(const Motion& motion) const;
   traceur::control::SamplingParameters sampling(const Motion& motion) const;

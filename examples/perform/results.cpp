@@ -72,6 +72,12 @@ void Report::add(const OpenLoopResult& r) {
   facts_.emplace_back("open loop, mean joint error", rounded(100 * r.mean_joint_error_m, 1, "cm"));
 }
 
+void Report::add_hardening(const Learned& l) {
+  json_["robust"] = Json{{"generations", l.generations}, {"wall_s", l.wall_s}, {"simulated_s", l.simulated_s}};
+  simulated_s_ += l.simulated_s;
+  facts_.emplace_back("hardened in other worlds for", std::to_string(l.generations) + " generations");
+}
+
 void Report::add_fine_tuning(const Learned& l) {
   json_["fine_tuning"] = Json{{"generations", l.generations}, {"wall_s", l.wall_s}, {"simulated_s", l.simulated_s}};
   simulated_s_ += l.simulated_s;
@@ -116,8 +122,14 @@ void Report::add(const PushResult& r) {
 }
 
 void Report::add(const Recording& r) {
-  json_["sole_slide_m_s"] = r.sole_slide_m_s;
-  facts_.emplace_back("loaded soles slide", rounded(100 * r.sole_slide_m_s, 1, "cm/s"));
+  const SlideShares& s = r.sole_slide;
+  if (options_.simulator == "bundled") {
+    json_["sole_slide_m_s"] = Json{{"slip", s.slip_m_s}, {"give", s.give_m_s}, {"drift", s.drift_m_s}, {"moved", s.moved_m_s}};
+    facts_.emplace_back("loaded soles slip", rounded(100 * s.slip_m_s, 2, "cm/s"));
+  } else {
+    json_["sole_slide_m_s"] = Json{{"moved", s.moved_m_s}};
+    facts_.emplace_back("loaded soles move", rounded(100 * s.moved_m_s, 2, "cm/s"));
+  }
 }
 
 int Report::write(double wall_s, Ending ending) {

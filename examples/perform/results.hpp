@@ -17,6 +17,7 @@ public:
 
   void add(const Preparation& preparation);
   void add(const OpenLoopResult& result);
+  void add_hardening(const Learned& learned);
   void add_fine_tuning(const Learned& tuned);
   void add(const TrialResult& trials, const Learned& learned);
   void add(const PushResult& result);

@@ -17,20 +17,29 @@
 
 namespace traceur::backends {
 
-/// MuJoCo as a `sim::Simulator`: Euler integration with implicit joint damping, Newton solver, elliptic friction cones.
+/// How hard MuJoCo's ground is.
+enum class MujocoGround {
+  stiff,  ///< as stiff as the time step allows
+  given,  ///< a spring and a damper of the parameters' constants at every point that touches
+};
+
+/// MuJoCo as a `sim::Simulator`: Euler integration with motors taken implicitly, Newton solver, elliptic friction cones.
 ///
-/// The engine's model is made from the character, welds merged; the bodies touch the scene and not one another. Contacts
-/// and grips are as stiff as the time step allows and friction constraints a hundred times stiffer than normal ones, which
-/// keeps standing feet where they are. Motors and stops follow the bundled simulator's law. Of the parameters dt, gravity,
-/// friction and the stops' constants are used. Lanes share one model; an object is for one thread at a time.
+/// The engine's model is made from the character, welds merged; the bodies touch the scene and not one another. Grips and,
+/// unless the ground is to be as given, contacts are as stiff as the time step allows, and friction constraints a hundred
+/// times stiffer than normal ones, which keeps standing feet where they are. Motors and stops follow the bundled simulator's
+/// law. Of the parameters dt, gravity, friction and the stops' constants are used, and of given ground contact_stiffness and
+/// contact_damping. Lanes share one model; an object is for one thread at a time.
 class Mujoco {
  public:
   /// Throws Error, one line, when the character or the parameters are refused, by us or by MuJoCo.
-  Mujoco(const body::Character& character, int lanes, const sim::Parameters& parameters = {}, const sim::Scene& scene = {})
+  Mujoco(const body::Character& character, int lanes, const sim::Parameters& parameters = {}, const sim::Scene& scene = {},
+         MujocoGround ground = MujocoGround::stiff)
       : parameters_(parameters), prepared_(sim::make_model(character)), neutral_(character.skeleton.neutral_pose()) {
     parameters.check();
     detail::check_engine("mujoco", prepared_, lanes);
     compile(scene);
+    if (ground == MujocoGround::given) soften();
     find_addresses();
     const auto n = static_cast<std::size_t>(lanes);
     lanes_.resize(n);
@@ -254,6 +263,27 @@ class Mujoco {
     throw Error("mujoco: character '" + prepared_.character.name + "': " + line);
   }
 
+  /// MuJoCo's constraint force is D (-b v - k d r - a), with r the penetration, v its rate, a its acceleration and the
+  /// regulariser D = d / ((1 - d) A) of an impedance d, A the inverse mass of the body that the model was compiled with. So D
+  /// is an inertia that the ground adds, D k d its stiffness and D b its damping, which acts at the old velocity and needs
+  /// b dt < 1: D = 2 dt contact_damping is the least inertia that leaves a margin of two.
+  void soften() {
+    mjModel& m = *model_;
+    const sim::Parameters& p = parameters_;
+    const double inertia = std::max(2 * p.dt * p.contact_damping, 1e-3);
+    for (int g = 0; g < m.ngeom; ++g) {
+      const int body = m.geom_bodyid[g];
+      if (body == 0) continue;
+      const double share = inertia * m.body_invweight0[2 * body], d = std::min(share / (1 + share), 0.9999);
+      m.geom_priority[g] = 1;
+      mjtNum* reference = m.geom_solref + mjNREF * g;
+      mjtNum* impedance = m.geom_solimp + mjNIMP * g;
+      reference[0] = -d * std::max(p.contact_stiffness, 1e-3) / inertia;
+      reference[1] = -d * std::max(p.contact_damping, 1e-3) / inertia;
+      impedance[0] = impedance[1] = d;
+    }
+  }
+
   void find_addresses() {
     addresses_.resize(prepared_.bodies.size());
     moving_of_body_.assign(static_cast<std::size_t>(model_->nbody), -1);
@@ -342,15 +372,22 @@ class Mujoco {
       if (b.type == body::JointType::free) continue;
       const detail::Drive drive =
           detail::drive(b, parameters_, parameters_.dt, l.q.data(), l.v.data(), l.target.data(), l.rate[i]);
-      const core::Vector3<double> torque = drive.motor + drive.stop;
+      // A damper at the velocity that the step ends with is one at the velocity that it begins with, and inertia dt times as
+      // large. MuJoCo's own implicit damping knows nothing of contacts, nor they of it.
+      const double damping = drive.motor_damping + drive.stop_damping;
+      const double inertia = b.actuator.armature + parameters_.dt * damping;
       double* applied = d->qfrc_applied + addresses_[i].v;
-      double* damping = model_->dof_damping + addresses_[i].v;
+      double* armature = model_->dof_armature + addresses_[i].v;
+      const bool ball = b.type == body::JointType::ball;
+      const double* v = l.v.data() + b.v_index;
+      const core::Vector3<double> speed{v[0], ball ? v[1] : 0, ball ? v[2] : 0};
+      const core::Vector3<double> torque = drive.motor + drive.stop - damping * speed;
       applied[0] = torque.x;
-      damping[0] = drive.motor_damping + drive.stop_damping;
-      if (b.type == body::JointType::hinge) continue;
+      armature[0] = inertia;
+      if (!ball) continue;
       applied[1] = torque.y;
       applied[2] = torque.z;
-      damping[1] = damping[2] = damping[0];
+      armature[1] = armature[2] = inertia;
     }
   }
 

@@ -35,6 +35,13 @@ struct Push {
   int first_tick = 0, ticks = 0;
 };
 
+/// A world that differs from the one a controller is for.
+struct WorldChange {
+  double ground = 1;    ///< factor on stiffness and damping of contacts: above 1 the ground gives less
+  double friction = 1;  ///< factor
+  int finer = 1;        ///< time steps in the place of one
+};
+
 /// What happened in one episode.
 struct EpisodeResult {
   double seconds = 0;           ///< survived, s
@@ -67,7 +74,11 @@ class EpisodeRunner {
   static constexpr int width = core::lane_count<S>;
 
   EpisodeRunner(const sim::Model& model, const sim::Parameters& simulation, const sim::Ground<T>& ground, const TrackingCost& cost)
-      : model_(&model), cost_(&cost), lanes_(model, simulation, ground) {}
+      : model_(&model),
+        cost_(&cost),
+        own_(simulation),
+        simulation_(std::make_unique<sim::Parameters>(simulation)),
+        lanes_(model, *simulation_, ground) {}
 
   sim::Lanes<S>& lanes() { return lanes_; }
 
@@ -75,6 +86,17 @@ class EpisodeRunner {
   void use(std::shared_ptr<Engine<S>> engine) {
     if (engine && !engine->fits(*model_)) throw Error("episodes: the engine holds another character");
     engine_ = std::move(engine);
+  }
+
+  /// Lets the bundled dynamics be those of another world; other engines keep theirs. WorldChange{} is as it was made.
+  void change_world(const WorldChange& w) {
+    *simulation_ = own_;
+    simulation_->dt /= w.finer;
+    simulation_->contact_stiffness *= w.ground;
+    simulation_->contact_damping *= w.ground;
+    simulation_->friction *= w.friction;
+    for (int l = 0; l < width; ++l) lanes_.set_friction(l, static_cast<T>(simulation_->friction));
+    finer_ = w.finer;
   }
 
   /// Called after each tick with the tick's index and the lanes.
@@ -139,7 +161,7 @@ class EpisodeRunner {
       if (engine_)
         engine_->step(lanes_, c.tick, wanted);
       else
-        lanes_.step(c.steps_per_tick);
+        lanes_.step(finer_ * c.steps_per_tick);
       if (observer) observer(tick, lanes_);
       const int next = c.cyclic ? t + 1 : std::min(tick + 1, clip_ticks);
       judge(c, e, next, carry, tick, used, deviation, alive, living, results);
@@ -247,6 +269,9 @@ class EpisodeRunner {
 
   const sim::Model* model_;
   const TrackingCost* cost_;
+  sim::Parameters own_;
+  std::unique_ptr<sim::Parameters> simulation_;  ///< the lanes know where it is
+  int finer_ = 1;
   sim::Lanes<S> lanes_;
   std::shared_ptr<Engine<S>> engine_;
   std::vector<S> law_;

@@ -106,6 +106,11 @@ class Lanes {
   const DynamicsWork<S>& work() const { return work_; }
   /// Contact force on each moving body, mean over the last call of `step`, N, world.
   const std::vector<Vector3>& body_force() const { return body_force_; }
+  /// What the contact of sphere `c` of the model with the ground remembers of the last step.
+  ContactMemory<S> contact_memory(std::size_t c) const {
+    const S* m = state_.data() + model_->nq + 2 * model_->nv + ground_numbers * static_cast<std::ptrdiff_t>(c);
+    return {Vector3::from(m), m[3], m[4]};
+  }
   /// Kinetic energy of moving body `b`, J.
   S kinetic_energy(int b) const {
     const BodyWork<S>& k = work_.bodies[static_cast<std::size_t>(b)];
