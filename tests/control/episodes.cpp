@@ -139,6 +139,34 @@ TEST_CASE("a push changes the momentum by its impulse") {
   CHECK(result[0].survived);
 }
 
+TEST_CASE("in another world the ground gives more or less and the steps are finer, until the runner is back in its own") {
+  const Trial falling(aloft(12));
+  Runner r = falling.runner();
+  double height = 0;
+  const auto look = [&](int, const sim::Lanes<S>& lanes) { height = core::lane_of(lanes.q()[2], 0); };
+  const auto fallen = [&](const sim::Parameters& p, int n) { return standing_pose()[2] + 50 - drop(p, 0, n); };
+  const EpisodeResult own = falling.run(r, 1)[0];
+  r.change_world({.finer = 2});
+  falling.run(r, 1, [](int) { return Push{}; }, look);
+  sim::Parameters finer = falling.simulation;
+  finer.dt /= 2;
+  const int ticks = 12 + static_cast<int>(std::lround(falling.e.hold * 60));
+  CHECK(height == doctest::Approx(fallen(finer, 2 * falling.c.steps_per_tick * ticks)).epsilon(1e-5));
+  r.change_world({});
+  CHECK(same(falling.run(r, 1)[0], own));
+
+  Trial standing(standing_clip(30));
+  Runner s = standing.runner();
+  const auto rests = [&](double ground) {
+    s.change_world({.ground = ground});
+    standing.run(s, 1, [](int) { return Push{}; }, look);
+    return height;
+  };
+  const double soft = rests(0.1), as_made = rests(1), hard = rests(10);
+  CHECK(soft < as_made - 0.001);
+  CHECK(as_made < hard);
+}
+
 TEST_CASE("a fall ends the episode at its own time in every lane") {
   Trial trial(aloft(60));
   trial.e.hold = 0;

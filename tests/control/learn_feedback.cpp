@@ -3,6 +3,7 @@
 
 #include <doctest/doctest.h>
 
+#include <memory>
 #include <optional>
 
 #include "support.hpp"
@@ -191,6 +192,58 @@ TEST_CASE("episodes of a cyclic motion grow longer and harder with success, and 
   CHECK(history.back().perturbation == 0);
 }
 
+TEST_CASE("worlds and pushes are drawn within their ranges, the same for the same numbers") {
+  const control::WorldRange range;
+  double hardest = 0, softest = 1e9, slipperiest = 1e9, finest = 0;
+  for (std::uint64_t draw = 0; draw < 300; ++draw) {
+    const control::WorldChange own = control::draw_world(range, 1, 5, draw, 0), w = control::draw_world(range, 1, 5, draw, 1),
+                               again = control::draw_world(range, 1, 5, draw, 1), still = control::draw_world(range, 0, 5, draw, 2);
+    CHECK((own.ground == 1 && own.friction == 1 && own.finer == 1));
+    CHECK((still.ground == 1 && still.friction == 1 && still.finer == 1));
+    CHECK((w.ground == again.ground && w.friction == again.friction && w.finer == again.finer));
+    CHECK((w.ground <= range.harder && w.ground * range.softer >= 1 - 1e-12));
+    CHECK((w.friction <= range.friction + 1e-12 && w.friction * range.friction >= 1 - 1e-12));
+    CHECK((w.finer >= 1 && w.finer <= range.finer));
+    hardest = std::max(hardest, w.ground);
+    softest = std::min(softest, w.ground);
+    slipperiest = std::min(slipperiest, w.friction);
+    finest = std::max(finest, static_cast<double>(w.finer));
+    const control::Push p = control::draw_push(8, 2, 1.0 / 60, 5, draw, 3);
+    CHECK(norm(p.force) * 0.1 <= 8 + 1e-12);
+    CHECK(p.force.z == 0);
+    CHECK((p.first_tick >= 0 && p.ticks == 6 && p.first_tick + p.ticks <= 120));
+  }
+  CHECK((hardest > 0.8 * range.harder && softest < 1 && slipperiest < 0.85 && finest == range.finer));
+  CHECK(control::draw_push(0, 2, 1.0 / 60, 5, 1, 3).ticks == 0);
+}
+
+TEST_CASE("a law is learned in several worlds, the same on any threads, and the runners are left in their own") {
+  Task task(true), alone(true);
+  for (Task* t : {&task, &alone}) {
+    FeedbackLearning& p = t->settings;
+    p.population = 4;
+    p.starts = 4;
+    p.first_seconds = p.last_seconds = 0.2;
+    p.perturbation_step = 1;
+    p.validation_episodes = 4;
+    p.validate_every = 2;
+    p.generations = 4;
+    p.advance = 1e9;
+    p.worlds = 2;
+    p.push = 5;
+  }
+  const FeedbackProgress one = task.learn(), two = alone.learn(core::ThreadExecutor(2));
+  CHECK(one.best_law == two.best_law);
+  CHECK(one.mean_cost == two.mean_cost);
+  CHECK(one.simulated_seconds == doctest::Approx(two.simulated_seconds));
+  // Of the first generation one start in each world; of the others four episodes; validation at the start and twice.
+  CHECK(one.simulated_seconds == doctest::Approx(0.2 * (5 * 2 + 3 * 5 * 4 + 3 * 4)).epsilon(0.05));
+  const EpisodeResult after = control::run_episodes(task.runners, task.c, {}, 1, *std::make_unique<core::SerialExecutor>())[0];
+  Task fresh(true);
+  const EpisodeResult before = control::run_episodes(fresh.runners, fresh.c, {}, 1, *std::make_unique<core::SerialExecutor>())[0];
+  CHECK(after.deviation == before.deviation);
+}
+
 TEST_CASE("settings that cannot be learned with are refused") {
   const auto refusal = [](auto&& spoil) {
     Task task(false);
@@ -202,4 +255,7 @@ TEST_CASE("settings that cannot be learned with are refused") {
   CHECK(contains(refusal([](Task& t) { t.settings.starts = 0; }), "starts"));
   CHECK(contains(refusal([](Task& t) { t.settings.validate_every = 0; }), "validate_every"));
   CHECK(contains(refusal([](Task& t) { t.settings.validation_episodes = 0; }), "validation_episodes"));
+  CHECK(contains(refusal([](Task& t) { t.settings.worlds = 0; }), "worlds"));
+  CHECK(contains(refusal([](Task& t) { t.settings.changes.harder = 0.5; }), "ratios"));
+  CHECK(contains(refusal([](Task& t) { t.settings.push = -1; }), "push"));
 }

@@ -106,6 +106,7 @@ TEST_CASE(
   CHECK(report["cyclic"] == false);
   CHECK(report["duration_s"].get<double>() == doctest::Approx(1));
   CHECK(report["push_Ns"].size() == 8);
+  for (const char* share : {"slip", "give", "drift", "moved"}) CHECK(report["sole_slide_m_s"][share].get<double>() >= 0);
   CHECK(report["open_loop"]["fell"] == false);
   CHECK(report["open_loop"]["mean_joint_error_m"].get<double>() < 0.1);
   CHECK(report["closed_loop"]["trials"] == 100);
@@ -174,13 +175,14 @@ TEST_CASE(
     CAPTURE(name);
     const fs::path out = folder / (name + "-tuned");
     const Outcome o = perform(folder, "--controller " + (one / "controller.json").string() + " --quick --seed 3 --fine-tune 2 --simulator " + name +
-                                          " --out " + out.string());
+                                          (name == "bundled" ? " --robust" : "") + " --out " + out.string());
     CAPTURE(o.err);
     CHECK(o.status < 2);
     const auto tuning = report_of(out)["fine_tuning"];
     CHECK(tuning["simulated_s"].get<double>() >= 0);
     CHECK(tuning["wall_s"].get<double>() < 3);
     if (name == "bundled") CHECK(tuning["generations"].get<int>() >= 1);
+    CHECK(report_of(out).contains("robust") == (name == "bundled"));
     CHECK(fs::exists(out / "controller.json"));
     const Outcome again = perform(folder, "--controller " + (out / "controller.json").string() + " --quick --seed 3 --simulator " + name +
                                               " --out " + (folder / (name + "-again")).string());
