@@ -34,13 +34,14 @@ struct Ending {
   std::string why;
 };
 
-/// Carries out a job and says how it ended; `resume` is the command that continues it after an interruption.
+/// Carries out a job and says how it ended; `resume` is the command that continues it after an interruption, empty where
+/// there is none.
 template <class Work>
 Ending ending_of(const std::string& resume, Work&& work) {
   try {
     work();
   } catch (const Interrupted&) {
-    return {"interrupted", "go on with: " + resume};
+    return {"interrupted", resume.empty() ? "" : "go on with: " + resume};
   } catch (const std::exception& e) {
     return {"failed", e.what()};
   }

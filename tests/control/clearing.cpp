@@ -86,6 +86,38 @@ TEST_CASE("equal starts go equally, others differ, and a fall costs the time los
   CHECK(fallen.cost > 5);
 }
 
+TEST_CASE("lanes have steps of their own, and what is not settled at the end costs") {
+  Stand s;
+  s.m.distance = 0;
+  control::ClearingTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, 0.1, s.c.tick, s.c.steps_per_tick, s.gait);
+  trials.place(1, s.ground, 0.2);
+  control::ClearingSettings e = s.quiet();
+  const auto run = [&] {
+    return trials.run(
+        e, 2, [&](int) -> const control::Manoeuvre& { return s.m; }, [](int) { return 0; }, s.states, [&](double) { return s.numbers; });
+  };
+  const auto free = run();
+  CHECK(trials.height(0) == 0.1);
+  CHECK(trials.height(1) == 0.2);
+  CHECK(free[1].contact - free[0].contact == doctest::Approx(0.1).epsilon(1e-3));
+  CHECK(free[0].unsettled > 0);
+  CHECK(free[0].unsettled < 0.5);
+  e.settle = 2;
+  CHECK(run()[0].cost == doctest::Approx(free[0].cost + 2 * free[0].unsettled));
+}
+
+TEST_CASE("a state keeps how far off it is, and its reference's place and speed") {
+  Stand s;
+  s.m.distance = 0.5;
+  CHECK_FALSE(s.run(s.quiet())[0].cleared);
+  s.states[0].off = 1;
+  CHECK(s.run(s.quiet())[0].cleared);
+  const double calm = s.run(s.quiet())[0].pose;
+  s.states[0].frame.x = 0.1;
+  s.states[0].speed = 0.3;
+  CHECK(s.run(s.quiet())[0].pose != calm);
+}
+
 TEST_CASE("running states begin with a step on the left foot, over the origin") {
   const Stand s;
   control::RunningTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, s.c, s.gait);

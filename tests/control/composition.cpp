@@ -92,6 +92,34 @@ TEST_CASE("a manoeuvre goes through transIn, clear and transOut back to running"
   CHECK(c.at_step());
 }
 
+TEST_CASE("a manoeuvre's recovery is added to running's numbers during transOut, and only then") {
+  Course s;
+  s.m.recovery = Eigen::VectorXd::Constant(s.gait.shape.size(), 0.01);
+  control::Composer::Settings settings;
+  settings.trans_out_steps = 2;
+  control::Composer c(s.f.model, s.gait, settings);
+  c.set_exit(s.exit);
+  c.start(s.run, 3, {}, c.step_start(1));
+  const auto is = [&](const Eigen::VectorXd& wanted) {
+    for (int i = 0; i < s.gait.shape.size(); ++i) CHECK(c.player().control()[i] == wanted[i]);
+  };
+  is(s.run);
+  c.clear(s.m, {});
+  double x = 0;
+  s.wait(c, x);
+  s.wait(c, x);
+  REQUIRE(c.stage() == RunStage::trans_out);
+  is(s.exit + s.m.recovery);
+  c.step(s.run, 2.8, 0);
+  is(s.run + s.m.recovery);
+  s.wait(c, x);
+  c.step(s.run, 2.8, 0);
+  s.wait(c, x);
+  REQUIRE(c.stage() == RunStage::run);
+  c.step(s.run, 2.8, 0);
+  is(s.run);
+}
+
 TEST_CASE("without blending references change at once") {
   const Course s;
   control::Composer::Settings settings;

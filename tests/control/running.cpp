@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/control/running.hpp>
 
+#include <array>
+#include <utility>
+#include <vector>
+
 #include <doctest/doctest.h>
 
 #include "moving_gait.hpp"
@@ -108,6 +112,49 @@ TEST_CASE("pushes depend on the start alone, and end with the run that asked for
   CHECK(pushed[0].cost != calm[0].cost);
   e.push = 0;
   CHECK(run(2, [](int l) { return l; })[0].cost == calm[0].cost);
+}
+
+TEST_CASE("a wandering reference has another speed and turn at every step, within what is allowed, whatever the lane") {
+  const Sway s;
+  control::RunningTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, s.c, s.gait);
+  control::RunningSettings e = s.settings();
+  struct Steps {
+    std::vector<double> speeds, headings;
+  };
+  const auto run = [&](int used, auto start) {
+    std::array<Steps, 4> steps;
+    const auto out = trials.run(
+        e, used, [&](int) { return s.numbers.data(); }, [](int) { return control::RunningTask{0, 0.5}; }, start,
+        [&](int tick, const auto&, const auto& players) {
+          // Steps are of 30 ticks.
+          if (tick % 30 != 29) return;
+          for (std::size_t l = 0; l < 4; ++l) {
+            steps[l].speeds.push_back(players[l].speed());
+            steps[l].headings.push_back(players[l].frame().heading);
+          }
+        });
+    return std::pair(out, steps);
+  };
+  const auto [still, kept] = run(2, [](int l) { return l; });
+  for (const double v : kept[0].speeds) CHECK(v == 0.5);
+  e.wander = {0.02, 0.1};
+  const auto [out, steps] = run(2, [](int l) { return l; });
+  const auto [exchanged, other] = run(2, [](int l) { return 1 - l; });
+  REQUIRE(steps[0].speeds.size() >= 2);
+  double before = 0;
+  for (std::size_t k = 0; k < steps[0].speeds.size(); ++k) {
+    const double off = steps[0].speeds[k] - 0.5, turn = steps[0].headings[k] - before;
+    before = steps[0].headings[k];
+    CHECK(std::abs(off) <= 0.1);
+    CHECK(std::abs(turn) <= 0.02 + 1e-9);
+    CHECK(off != 0);
+    CHECK(turn != 0);
+    if (k > 0) CHECK(steps[0].speeds[k] != steps[0].speeds[k - 1]);
+  }
+  CHECK(steps[0].speeds == other[1].speeds);
+  CHECK(steps[0].headings == other[1].headings);
+  CHECK(steps[0].speeds != steps[1].speeds);
+  CHECK(out[0].cost == exchanged[1].cost);
 }
 
 TEST_CASE("a start moves the whole body at the speed asked for") {

@@ -15,6 +15,9 @@ namespace traceur::control {
 /// heading for +x.
 struct RunningState {
   Eigen::VectorXd pose, velocity;
+  double off = 0;     ///< how far it is beyond the place where a manoeuvre should begin, m
+  double speed = 0;   ///< of the reference, m/s; 0: as the manoeuvre has it
+  SkillFrame frame{};  ///< of the reference, from the centre of mass
 };
 
 /// States of a runner at the moments when a step on the left foot begins, once it runs steadily: from `runs` perturbed runs
@@ -39,7 +42,9 @@ std::vector<RunningState> running_states(RunningTrials<S>& trials, const sim::Mo
         const bool crossed = std::floor((now - left) / n + 1e-9) > std::floor((before[k] - left) / n + 1e-9);
         before[k] = now;
         if (!crossed || now < n * e.cycles / 2) continue;
-        RunningState s{Eigen::VectorXd(model.nq), Eigen::VectorXd(model.nv)};
+        RunningState s;
+        s.pose.resize(model.nq);
+        s.velocity.resize(model.nv);
         for (int i = 0; i < model.nq; ++i) s.pose[i] = core::lane_of(lanes.q()[i], l);
         for (int i = 0; i < model.nv; ++i) s.velocity[i] = core::lane_of(lanes.v()[i], l);
         body::normalize(model.character.skeleton, s.pose.data());
@@ -75,6 +80,7 @@ struct ClearingSettings {
   double most_tilt = 1.15;   ///< or tilted by more than this, rad
   ClearingWeights weights;
   double lost = 20;          ///< cost of the whole time lost, beside Eq. 10
+  double settle = 0;         ///< cost of each unit by which the last half of the steps after it are off the reference
   double overlap = 0.02;     ///< soles shall pass the edge by this much, m
   std::uint64_t seed = 1, stream = 0;
 };
@@ -85,6 +91,7 @@ struct ClearingOutcome {
   double seconds = 0, cost = 0;
   double contact = 0, balance = 0, pose = 0;  ///< E_c, E_b (m), mean of the sensed distances
   double exit_speed = 0;                      ///< mean over the steps after it, m/s
+  double unsettled = 0;  ///< mean over the last half of those steps: off the reference by rad + m/s + m of the stance foot
 };
 
 /// Tries compositions of running and a jump up a step on a pack of lanes: a running step leads into the manoeuvre, and
@@ -95,16 +102,23 @@ public:
   using T = core::Element<S>;
   static constexpr int width = core::lane_count<S>;
 
-  /// The ground rises by `height` m at x = 0. All must outlive it.
+  /// The ground rises by `height` m at x = 0, in all lanes that have no place of their own. All must outlive it.
   ClearingTrials(const sim::Model& model, const Roles& roles, const sim::Parameters& simulation, const sim::Ground<T>& ground,
                  double height, double tick, int steps_per_tick, const Skill& gait, const Composer::Settings& composition = {})
-      : model_(&model), roles_(roles), height_(height), tick_(tick), steps_(steps_per_tick), gait_(&gait),
+      : model_(&model), roles_(roles), tick_(tick), steps_(steps_per_tick), gait_(&gait),
         lanes_(model, simulation, ground), follower_(model, roles, gait.shape.law, gait.limits) {
     for (int l = 0; l < width; ++l) composers_.emplace_back(model, gait, composition);
+    heights_.fill(height);
+  }
+
+  /// Gives a lane another ground, which rises by `height` m at x = 0.
+  void place(int lane, const sim::Ground<T>& ground, double height) {
+    lanes_.set_place(lane, ground, nullptr);
+    heights_[static_cast<std::size_t>(lane)] = height;
   }
 
   sim::Lanes<S>& lanes() { return lanes_; }
-  double height() const { return height_; }
+  double height(int lane) const { return heights_[static_cast<std::size_t>(lane)]; }
 
   /// One trial in each of the first `used` lanes. `manoeuvre(lane)` refers to what is tried, `start(lane)` is the number of
   /// its start, taken from `states`; `running(speed)` is the control for running straight ahead at a speed, before and after.
@@ -123,7 +137,7 @@ public:
       core::RandomStream random(e.seed, e.stream, static_cast<std::uint64_t>(start(lane)));
       const RunningState& from = states[static_cast<std::size_t>(random.next_u32()) % states.size()];
       RunningStart s{from.pose, from.velocity};
-      const double x = -m.distance + e.place * random.uniform(-1.0, 1.0);
+      const double x = -m.distance + from.off + e.place * random.uniform(-1.0, 1.0);
       s.pose[0] += x;
       for (int i = 0; i < 3; ++i) s.velocity[i] += e.velocity * random.uniform(-1.0, 1.0);
       RunningTrials<S>::put(lanes_, *model_, l, s);
@@ -131,12 +145,13 @@ public:
       Composer& c = composers_[k];
       const Eigen::VectorXd before = running(m.speed_in);
       c.set_exit(before);
-      c.start(before, m.speed_in, {0, x, 0, 0}, c.step_start(1));
+      c.start(before, from.speed > 0 ? from.speed : m.speed_in, {from.frame.heading, x + from.frame.x, from.frame.y, 0}, c.step_start(1));
       c.clear(m, {0, 0, 0, 0});
       alive[k] = l < used;
       const double ticks_of = m.end > 0 ? m.end : m.skill->table.ticks();
       const double whole = ticks_of * m.skill->table.tick() * m.control[m.skill->shape.beta()] + e.steps_after * 0.5 * gait_->table.duration();
       marks[k].whole = whole;
+      marks[k].settled = whole - 0.5 * e.steps_after * 0.5 * gait_->table.duration();
       longest = std::max(longest, whole);
     }
     lanes_.refresh();
@@ -158,6 +173,8 @@ public:
       const auto& w = lanes_.work();
       using core::Vector3;
       const S distance = norm(Vector3<S>{ds[0], ds[1], ds[2]}) + core::min(norm(Vector3<S>{ds[3], ds[4], ds[5]}), S(T(1)));
+      const S off_gait = norm(Vector3<S>{ds[0], ds[1], ds[2]}) + core::min(norm(Vector3<S>{ds[6], ds[7], ds[8]}), S(T(2))) +
+                         norm(Vector3<S>{ds[9], ds[10], ds[11]});
       for (int l = 0; l < used; ++l) {
         const auto k = static_cast<std::size_t>(l);
         if (!alive[k]) continue;
@@ -167,7 +184,7 @@ public:
         const RunStage before = c.stage();
         c.advance(tick_, core::lane_of(w.center_of_mass.x, l), core::lane_of(w.center_of_mass.y, l));
         const double at = core::lane_of(w.bodies[0].position.x, l);
-        const double floor = at > 0 ? height_ : 0;
+        const double floor = at > 0 ? height(l) : 0;
         const double up = core::lane_of(w.bodies[0].rotation.zz, l);
         if (lanes_.failed(l) || core::lane_of(lanes_.q()[2], l) < floor + e.least_root || up < std::cos(e.most_tilt)) {
           alive[k] = false;
@@ -186,6 +203,10 @@ public:
           m.left = n;
           m.x = core::lane_of(w.center_of_mass.x, l);
         }
+        if (o.seconds > m.settled) {
+          o.unsettled += core::lane_of(off_gait, l);
+          ++m.settling;
+        }
         if (o.seconds >= m.whole - 1e-9) {
           o.survived = true;
           if (m.left >= 0 && n > m.left) o.exit_speed = (core::lane_of(w.center_of_mass.x, l) - m.x) / ((n - m.left) * tick_);
@@ -198,8 +219,12 @@ public:
       const auto k = static_cast<std::size_t>(l);
       ClearingOutcome& o = out[k];
       if (marks[k].clearing > 0) o.pose /= marks[k].clearing;
-      if (!o.survived) o.balance = std::max(o.balance, 0.3);
-      o.cost = clearing_cost(o.contact, o.balance, {o.pose, 0, 0}, e.weights) + e.lost * std::max(0.0, 1 - o.seconds / marks[k].whole);
+      if (marks[k].settling > 0) o.unsettled /= marks[k].settling;
+      if (!o.survived) {
+        o.balance = std::max(o.balance, 0.3);
+        o.unsettled = std::max(o.unsettled, 2.0);
+      }
+      o.cost = clearing_cost(o.contact, o.balance, {o.pose, 0, 0}, e.weights) + e.settle * o.unsettled + e.lost * std::max(0.0, 1 - o.seconds / marks[k].whole);
       if (!std::isfinite(o.cost)) o.cost = 1e3;
     }
     return out;
@@ -207,8 +232,8 @@ public:
 
 private:
   struct Marks {
-    double whole = 0, x = 0;
-    int clearing = 0, left = -1;
+    double whole = 0, settled = 0, x = 0;
+    int clearing = 0, left = -1, settling = 0;
   };
 
   core::Vector3<double> foot(std::size_t side, int l) const {
@@ -220,7 +245,7 @@ private:
     constexpr double ankle_height = 0.05, toes = 0.15, heel = 0.06;
     for (std::size_t side = 0; side < 2; ++side) {
       const auto f = foot(side, l);
-      if (f.x > -toes && f.x < heel) o.contact = std::max(o.contact, jump_contact_cost(height_ + e.overlap, f.z - ankle_height));
+      if (f.x > -toes && f.x < heel) o.contact = std::max(o.contact, jump_contact_cost(height(l) + e.overlap, f.z - ankle_height));
     }
   }
   /// E_b: how far the stance foot is from where the reference has it, as the law senses it.
@@ -230,7 +255,8 @@ private:
 
   const sim::Model* model_;
   Roles roles_;
-  double height_, tick_;
+  std::array<double, static_cast<std::size_t>(width)> heights_{};
+  double tick_;
   int steps_;
   const Skill* gait_;
   sim::Lanes<S> lanes_;

@@ -22,6 +22,7 @@ struct Manoeuvre {
   double speed_in = 0;   ///< theta_in, m/s; the turn is zero
   double speed_out = 0;  ///< theta_out, m/s
   double rise = 0;       ///< how much higher the ground is afterwards, m
+  Eigen::VectorXd recovery{};  ///< what is added to the numbers of running's controls during transOut; empty for nothing
   double end = 0;        ///< phase (ticks) at which running begins again; 0: the table's end. What the table holds beyond it
                          ///< fades out of the reference
 };
@@ -114,6 +115,7 @@ private:
     // The one before may still be fading out.
     which_ = 1 - which_;
     controls_[which_] = control;
+    if (stage_ == RunStage::trans_out && manoeuvre_->recovery.size() > 0) controls_[which_] += manoeuvre_->recovery;
     return controls_[which_].data();
   }
   bool crosses(double before, double after, int tick) const noexcept {
@@ -132,9 +134,9 @@ private:
     // The manoeuvre's last stance foot was down; the other one's step is next.
     const int side = 1 - player_.skill().table.stance(player_.phase() - 1);
     const double seconds = settings_.blend ? 0.5 * gait_->table.duration() : 0;
+    stage_ = RunStage::trans_out;
     player_.pass_to(*gait_, next_control(exit_), f, step_start(side), seconds);
     player_.steer(manoeuvre_->speed_out, 0);
-    stage_ = RunStage::trans_out;
     out_steps_ = 0;
     new_step_ = true;
   }
