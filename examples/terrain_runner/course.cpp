@@ -5,20 +5,51 @@
 #include <cmath>
 #include <numbers>
 
+#include "../common/lane.hpp"
 #include "traceur/control/composition.hpp"
 #include "traceur/core/error.hpp"
 
 namespace terrain_runner {
 
 using namespace traceur;
+using example::Lane;
 
 namespace {
 
 constexpr double cell = 0.5;             // m, of the ground along the way
 constexpr double slowest = 2.75, fastest = 4.5;  // m/s, what the planner may ask for
+constexpr int horizon = 13;              // steps; obstacles as far as this are not planned for
 constexpr double slower_than_balanced = 0.6;     // m/s below cruising: still coming back to balance
 constexpr double most_turn = 2 * std::numbers::pi / 180;  // rad per step, and over how far the way back to the middle leads,
 constexpr double lookahead = 10;                          // m
+
+/// The state of a lane in which a leap begins, in the mirror if it begins with a step on the right foot.
+control::RunningState arrival(const sim::Model& model, const control::Roles& roles, const sim::Lanes<Lane>& lanes, int l,
+                              const control::SkillPlayer& player, int side, double off) {
+  control::RunningState s;
+  s.pose.resize(model.nq);
+  s.velocity.resize(model.nv);
+  for (int i = 0; i < model.nq; ++i) s.pose[i] = core::lane_of(lanes.q()[i], l);
+  for (int i = 0; i < model.nv; ++i) s.velocity[i] = core::lane_of(lanes.v()[i], l);
+  body::normalize(model.character.skeleton, s.pose.data());
+  const double x = core::lane_of(lanes.work().center_of_mass.x, l), y = core::lane_of(lanes.work().center_of_mass.y, l);
+  s.frame = player.frame();
+  s.pose[0] -= x;
+  s.pose[1] -= y;
+  s.pose[2] -= s.frame.z;
+  s.frame.x -= x;
+  s.frame.y -= y;
+  s.frame.z = 0;
+  s.speed = player.speed();
+  s.off = off;
+  if (side == 0) {
+    s.pose = control::mirrored_pose(model, roles, s.pose);
+    s.velocity = control::mirrored_tangent(model, roles, s.velocity);
+    s.frame.y = -s.frame.y;
+    s.frame.heading = -s.frame.heading;
+  }
+  return s;
+}
 
 }  // namespace
 
@@ -51,21 +82,31 @@ struct CourseRunner::Runner {
   double floor = 0;          ///< height of the ground that is run on, m
   double step_x = 0, step_seconds = 0, speed = 0;  ///< where the present step began, since when, and how fast the last was
   bool clearing = false;
+  int since = -1;            ///< steps begun since the last leap
 };
 
-CourseRunner::CourseRunner(const Body& body, const RunningModel& running, const parameterize::Continuation& jump,
-                           const plan::StepLength<double>& length, const CourseSettings& settings)
-    : body_(body), running_(running), settings_(settings), jump_(jump.model()), planner_([&] {
+LeapModel leap_model(const parameterize::Continuation& jump, bool interpolation) {
+  std::vector<double> learned;
+  for (int n = 0; n < jump.node_count(); ++n)
+    if (jump.status(n) == parameterize::NodeStatus::solved) learned.push_back(jump.parameter(n)[0]);
+  return [rbf = jump.model(), learned, interpolation](double height) -> Eigen::VectorXd {
+    if (!interpolation)
+      height = *std::min_element(learned.begin(), learned.end(),
+                                 [&](double a, double b) { return std::abs(a - height) < std::abs(b - height); });
+    return rbf(Eigen::VectorXd::Constant(1, height));
+  };
+}
+
+CourseRunner::CourseRunner(const Body& body, const RunningModel& running, LeapModel jump, const plan::StepLength<double>& length,
+                           const CourseSettings& settings)
+    : body_(body), running_(running), settings_(settings), jump_(std::move(jump)), planner_([&] {
         plan::StepPlanner<double>::Parameters p;
         p.length = length;
         p.distance_weight = 4;
-        p.most_steps = 24;
+        p.most_steps = horizon;
         return plan::StepPlanner<double>(p);
       }()),
-      direction_{most_turn, lookahead}, exit_(running({0, body.leap_speed})) {
-  for (int n = 0; n < jump.node_count(); ++n)
-    if (jump.status(n) == parameterize::NodeStatus::solved) learned_heights_.push_back(jump.parameter(n)[0]);
-}
+      direction_{most_turn, lookahead}, exit_(running({0, body.leap_speed})) {}
 
 void CourseRunner::decide(Runner& r, const Course& course, double x, double y, double speed_now) {
   control::Composer& c = r.composer;
@@ -78,12 +119,9 @@ void CourseRunner::decide(Runner& r, const Course& course, double x, double y, d
   if (r.next < static_cast<int>(course.edges.size()) && c.stage() == control::RunStage::run) {
     const auto k = static_cast<std::size_t>(r.next);
     const double rise = course.rises[k], distance = course.edges[k] - x;
-    double known = rise;
-    if (!settings_.interpolation)
-      known = *std::min_element(learned_heights_.begin(), learned_heights_.end(),
-                                [&](double a, double b) { return std::abs(a - rise) < std::abs(b - rise); });
-    r.manoeuvre = body_.manoeuvre(jump_(Eigen::VectorXd::Constant(1, known)), rise, c.side());
+    r.manoeuvre = body_.manoeuvre(jump_(rise), rise, c.side());
     if (!settings_.feedback) r.manoeuvre.control.head(body_.numbers.laws()).setZero();
+    if (!settings_.recovery) r.manoeuvre.recovery.setZero();
     const plan::Approach<double> approach{r.manoeuvre.distance, r.manoeuvre.speed_in};
     const int steps = planner_.steps(distance, r.speed, approach);
     if (steps <= 0) {
@@ -91,12 +129,15 @@ void CourseRunner::decide(Runner& r, const Course& course, double x, double y, d
       r.clearing = true;
       return;
     }
-    if (settings_.planner && !balancing) speed = std::clamp(planner_.plan(distance, r.speed, approach, steps).speeds[0], slowest, fastest);
+    // A plan begins at the speed of the last step, whatever that was; farther away running finds back to its own.
+    if (settings_.planner && !balancing && steps < horizon)
+      speed = std::clamp(planner_.plan(distance, r.speed, approach, steps).speeds[0], slowest, fastest);
   }
   c.step(running_({turn, speed}), speed, turn);
 }
 
-std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording) {
+std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
+                                             std::vector<control::RunningState>* arrivals) {
   constexpr int width = core::lane_count<Lane>;
   const sim::Model& model = *body_.model;
   const int used = static_cast<int>(courses.size());
@@ -108,7 +149,7 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
   std::vector<CourseOutcome> out(courses.size());
   const double tick = body_.gait.tick;
   for (int l = 0; l < width; ++l) {
-    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, false, 0, 0, 0, 0, body_.leap_speed, false});
+    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, false, 0, 0, 0, 0, body_.leap_speed, false, -1});
     Runner& r = runners.back();
     const auto k = static_cast<std::size_t>(std::min(l, used - 1));
     lanes.set_place(l, sim::Ground<float>(courses[k].ground), nullptr);
@@ -134,7 +175,14 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
         if (r.step_seconds > 0.1) r.speed = (x_of(l) - r.step_x) / r.step_seconds;
         r.step_x = x_of(l);
         r.step_seconds = 0;
+        const bool was_clearing = r.clearing;
+        const control::SkillPlayer before = r.composer.player();
+        const int side = r.composer.side();
+        if (r.since >= 0) ++r.since;
         decide(r, course, x_of(l), y_of(l), core::lane_of(lanes.work().linear_momentum.x, l) / model.total_mass);
+        if (arrivals && r.alive && r.clearing && !was_clearing)
+          arrivals->push_back(arrival(model, body_.roles, lanes, l, before, side,
+                                      r.manoeuvre.distance - (course.edges[static_cast<std::size_t>(r.next)] - x_of(l))));
       }
       follower.set(l, r.composer.player());
     }
@@ -163,6 +211,7 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
         r.clearing = false;
         r.floor += r.manoeuvre.rise;
         ++r.next;
+        r.since = 0;
       }
       // An obstacle counts as cleared when the runner runs on as usual after it.
       if (!r.clearing && r.composer.stage() == control::RunStage::run && o.cleared < r.next) o.cleared = r.next;
@@ -179,6 +228,7 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
                     : stage == control::RunStage::clear ? "fell in a leap"
                     : stage == control::RunStage::trans_out ? "fell after a leap"
                     : "fell while running";
+        o.steps_since_leap = r.since;
         o.failed_rise = course.rises[static_cast<std::size_t>(std::min(r.next, o.obstacles - 1))];
         if (stage == control::RunStage::trans_out && r.next > 0) o.failed_rise = course.rises[static_cast<std::size_t>(r.next - 1)];
       }

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "skills.hpp"
-#include "trainer.hpp"
+#include "traceur/control/clearing.hpp"
 #include "traceur/terrain/height_grid.hpp"
 
 namespace terrain_runner {
@@ -31,7 +32,7 @@ Course random_course(const CourseShape& shape, std::uint64_t seed, std::uint64_t
 struct CourseSettings {
   bool planner = true;       ///< else the runner keeps its speed and leaps when it is near enough
   bool feedback = true;      ///< else leaps are done with no law at all
-  bool interpolation = true; ///< else the nearest learned height's leap is done
+  bool recovery = true;      ///< else transOut is running as usual
   control::Composer::Settings composition;
   std::uint64_t seed = 1;
 };
@@ -43,7 +44,11 @@ struct CourseOutcome {
   double seconds = 0, distance = 0;
   std::string failure;       ///< in words; empty if there was none
   double failed_rise = 0;    ///< of the step at which it failed, m
+  int steps_since_leap = -1; ///< running steps begun since the last leap when it failed; -1: there was none
 };
+
+/// The numbers of a leap (LeapNumbers) onto a step of some height, m.
+using LeapModel = std::function<Eigen::VectorXd(double height)>;
 
 /// Poses of one runner tick by tick.
 struct CourseRecording {
@@ -51,16 +56,21 @@ struct CourseRecording {
   std::vector<control::RunStage> stages;
 };
 
+/// The leaps that were learned, in between as the continuation has it, or (without `interpolation`) the nearest.
+LeapModel leap_model(const traceur::parameterize::Continuation& jump, bool interpolation = true);
+
 /// Runs characters over courses of their own, one in each lane: a step-based planner (s6) chooses the speed and turn of every
 /// step and the moment to leap.
 class CourseRunner {
 public:
   /// All must outlive it.
-  CourseRunner(const Body& body, const RunningModel& running, const traceur::parameterize::Continuation& jump,
-               const traceur::plan::StepLength<double>& length, const CourseSettings& settings);
+  CourseRunner(const Body& body, const RunningModel& running, LeapModel jump, const traceur::plan::StepLength<double>& length,
+               const CourseSettings& settings);
 
-  /// As many courses as a pack has lanes, or fewer. What lane 0 does is recorded if asked for.
-  std::vector<CourseOutcome> run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording = nullptr);
+  /// As many courses as a pack has lanes, or fewer. What lane 0 does is recorded if asked for; to `arrivals` are added the
+  /// states in which leaps begin, as if all began with a step on the left foot.
+  std::vector<CourseOutcome> run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording = nullptr,
+                                 std::vector<control::RunningState>* arrivals = nullptr);
 
 private:
   struct Runner;
@@ -69,8 +79,7 @@ private:
   const Body& body_;
   const RunningModel& running_;
   CourseSettings settings_;
-  traceur::parameterize::Rbf jump_;
-  std::vector<double> learned_heights_;
+  LeapModel jump_;
   traceur::plan::StepPlanner<double> planner_;
   traceur::plan::DirectionTracker<double> direction_;
   Eigen::VectorXd exit_;

@@ -48,12 +48,11 @@ const char* name(parameterize::NodeStatus s) {
 struct Player {
   Body body;
   RunningModel running;
-  plan::StepLength<double> length;
 
-  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, Trainer& trainer)
+  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills)
       : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
     body.leap_speed = body.narrow.table.speed();
-    body.add_leap(trainer.watch(body, running({0, body.leap_speed}), body.leap_speed));
+    body.add_leap(skills.measured->events);
   }
 };
 
@@ -79,7 +78,8 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
   const Effort effort = Effort::of(o.quick, o.seed);
   Trainer trainer(model, roles, effort, o.out, o.threads, say);
   const example::Clock clock;
-  if (!o.resume) skills.gait = trainer.make_gait(skills.gait);
+  if (!o.resume && o.learn_gait) skills.gait = trainer.make_gait(skills.gait);
+  if (!o.resume && !o.learn_gait) write_gait(o.out, skills.gait);
   const double gait_s = clock.seconds();
   skills.running = trainer.learn_running(skills.gait, std::move(skills.running));
   const double running_s = clock.seconds();
@@ -89,11 +89,13 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
   report["running"]["evaluations"] = skills.running->evaluations();
   const auto length = trainer.step_length(nodes);
   report["step_length"] = {{"slope_s", length.slope}, {"offset_m", length.offset}};
+  skills.measured = Measured{length, trainer.watch(skills.gait, *skills.running)};
+  write_measured(o.out, *skills.measured);
   const double tested_s = clock.seconds();
-  Player player(model, roles, skills, trainer);
-  skills.jump = trainer.learn_jump(skills.gait, player.running, player.body, std::move(skills.jump));
+  Player player(model, roles, skills);
+  skills.jump = trainer.learn_jump(player.running, player.body, length, std::move(skills.jump));
   report["jump"] = Json{{"evaluations", skills.jump->evaluations()}, {"heights", Json::array()}};
-  for (const JumpResult& j : trainer.test_jump(player.running, player.body, *skills.jump, effort.heights, o.quick ? 16 : 128)) {
+  for (const JumpResult& j : trainer.test_jump(player.running, player.body, leap_model(*skills.jump), length, effort.heights, o.quick ? 16 : 128)) {
     report["jump"]["heights"].push_back({{"height_m", j.height}, {"trials", j.trials}, {"survived", j.survived}, {"cleared", j.cleared}, {"exit_speed_m_s", j.exit_speed}});
     std::printf("jump %.2f m: %d of %d\n", j.height, j.cleared, j.trials);
   }
@@ -107,7 +109,7 @@ CourseSettings course_settings(const Options& o) {
   s.seed = o.seed;
   s.planner = o.without != "planner";
   s.feedback = o.without != "feedback";
-  s.interpolation = o.without != "interpolation";
+  s.recovery = o.without != "recovery";
   s.composition.blend = o.without != "blending";
   return s;
 }
@@ -138,10 +140,9 @@ void write_recording(const Options& o, const sim::Model& model, const Course& co
 }
 
 void play(const Options& o, const sim::Model& model, const control::Roles& roles, const Skills& skills, Json& report) {
-  Trainer trainer(model, roles, Effort::of(o.quick, o.seed), o.out, o.threads, say);
-  Player player(model, roles, skills, trainer);
-  const auto length = trainer.step_length(trainer.test_running(skills.gait, *skills.running, 4, 0));
-  const CourseRunner runner(player.body, player.running, *skills.jump, length, course_settings(o));
+  const Player player(model, roles, skills);
+  const CourseRunner runner(player.body, player.running, leap_model(*skills.jump, o.without != "interpolation"), skills.measured->length,
+                            course_settings(o));
   CourseShape shape;
   shape.obstacles = o.obstacles;
   shape.lowest = o.lowest;
@@ -189,7 +190,7 @@ void play(const Options& o, const sim::Model& model, const control::Roles& roles
       seconds += c.seconds;
       if (c.failure.empty()) continue;
       ++failures[c.failure];
-      falls.push_back({{"course", all - 1}, {"what", c.failure}, {"cleared", c.cleared}, {"rise_m", c.failed_rise}, {"distance_m", c.distance}});
+      falls.push_back({{"course", all - 1}, {"what", c.failure}, {"cleared", c.cleared}, {"rise_m", c.failed_rise}, {"steps_since_leap", c.steps_since_leap}, {"distance_m", c.distance}});
     }
   report["courses"] = all;
   report["completed"] = completed;
@@ -216,13 +217,15 @@ int carry_out(const Options& o) {
       skills.gait = io::read_controller(o.gait, model, roles);
   } else {
     skills = read_skills(o.skills, model, roles);
-    if (!skills.running || !skills.jump) throw Error(o.skills.string() + ": expected running.txt and jump.txt; train writes them");
+    if (!skills.running || !skills.measured || !skills.jump)
+      throw Error(o.skills.string() + ": expected running.txt, measured.json and jump.txt; train writes them");
   }
   example::check_writable(o.out, o.report);
   constexpr const char* commands[] = {"train", "run", "evaluate"};
   Json report{{"program", "terrain_runner"}, {"version", core::version_string}, {"command", commands[static_cast<int>(o.command)]},
               {"seed", o.seed}, {"quick", o.quick}};
-  const example::Ending ending = example::ending_of("terrain_runner train --resume " + o.out.string(), [&] {
+  const std::string resume = o.command == Command::train ? "terrain_runner train --resume " + o.out.string() : "";
+  const example::Ending ending = example::ending_of(resume, [&] {
     if (o.command == Command::train)
       train(o, model, roles, std::move(skills), report);
     else

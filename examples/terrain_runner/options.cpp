@@ -23,7 +23,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   CLI::App* train = app.add_subcommand("train", "learn the skills from a running controller");
   CLI::App* run = app.add_subcommand("run", "run a course and write a replay");
   CLI::App* evaluate = app.add_subcommand("evaluate", "run many courses and count");
-  train->add_option("GAIT", o.gait, "controller of a run, as perform --feedback small writes it (controller.json)")->type_name("FILE");
+  train->add_option("GAIT", o.gait, "controller of a run, as perform --feedback small writes it (controller.json; default: the examples' own gait, as it is)")->type_name("FILE");
   train->add_option("--resume", resume, "continue the interrupted job in this folder");
   for (CLI::App* c : {run, evaluate}) {
     c->add_option("SKILLS", o.skills, "folder that train wrote (default: the examples' own)")->type_name("DIR");
@@ -32,8 +32,8 @@ std::optional<Options> read_options(int argc, char** argv) {
     c->add_option("--highest", o.highest, "highest step, m (default 0.25)")->check(CLI::Range(0.05, 0.8));
   }
   evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
-  evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, blending or interpolation")
-      ->check(CLI::IsMember({"planner", "feedback", "blending", "interpolation"}));
+  evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, recovery, blending or interpolation")
+      ->check(CLI::IsMember({"planner", "feedback", "recovery", "blending", "interpolation"}));
   for (CLI::App* c : {train, run, evaluate}) {
     c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
     c->add_option("--out", o.out, "folder for the results");
@@ -55,7 +55,10 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.report.empty()) o.report = o.out / "report.json";
   if (o.highest < o.lowest) throw traceur::Error("--highest: expected no less than --lowest");
   const fs::path own = absolute_path(example::default_character()).parent_path().parent_path() / "skills";
-  if (o.command == Command::train && o.gait.empty()) o.gait = own / "gait.json";
+  if (o.command == Command::train && o.gait.empty()) {
+    o.gait = own / "gait.json";
+    o.learn_gait = false;
+  }
   if (o.command != Command::train && o.skills.empty()) o.skills = own;
   if (o.quick && o.command == Command::evaluate && evaluate->count("--courses") == 0) o.courses = 16;
   return o;

@@ -23,10 +23,11 @@ struct Options {
   int threads = 0;  ///< 0: all
   bool quick = false;
   bool resume = false;
+  bool learn_gait = true;  ///< train: false when the gait is the one that comes with the examples, which is one already
   int courses = 100;    ///< evaluate
   int obstacles = 2;    ///< of a course
   double highest = 0.25, lowest = 0.1;  ///< steps, m
-  std::string without;  ///< evaluate: what to leave out: planner, feedback, blending or interpolation
+  std::string without;  ///< evaluate: what to leave out: planner, feedback, recovery, blending or interpolation
 };
 
 /// Reads the command line. Returns nothing when help was asked for and printed. Throws traceur::Error that names the fault.

@@ -30,6 +30,20 @@ std::optional<parameterize::Continuation> read_stage(const fs::path& path) {
   }
 }
 
+std::optional<Measured> read_measured(const fs::path& path, int ticks) {
+  if (!fs::exists(path)) return std::nullopt;
+  std::ifstream in(path);
+  const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
+  const io::detail::FieldReader fields(json, path.string());
+  const io::detail::FieldReader length(fields.at("step_length"), path.string() + ": field 'step_length'");
+  Measured m;
+  m.length.slope = length.number("slope_s");
+  m.length.offset = length.number("offset_m");
+  m.events.right_take_off = fields.integer("right_take_off_tick", 0, ticks - 1);
+  m.events.left_landing = fields.integer("left_landing_tick", 0, ticks - 1);
+  return m;
+}
+
 }  // namespace
 
 Skills read_skills(const fs::path& folder, const sim::Model& model, const control::Roles& roles) {
@@ -37,7 +51,15 @@ Skills read_skills(const fs::path& folder, const sim::Model& model, const contro
   s.gait = io::read_controller(folder / "gait.json", model, roles);
   s.running = read_stage(folder / "running.txt");
   s.jump = read_stage(folder / "jump.txt");
+  s.measured = read_measured(folder / "measured.json", s.gait.ticks());
   return s;
+}
+
+void write_measured(const fs::path& folder, const Measured& m) {
+  const nlohmann::ordered_json json{{"step_length", {{"slope_s", m.length.slope}, {"offset_m", m.length.offset}}},
+                                    {"right_take_off_tick", m.events.right_take_off},
+                                    {"left_landing_tick", m.events.left_landing}};
+  io::write_atomically(folder / "measured.json", json.dump(2) + "\n");
 }
 
 void write_gait(const fs::path& folder, const control::Controller& gait) { io::write_controller(folder / "gait.json", gait); }
@@ -63,7 +85,7 @@ Eigen::VectorXd RunningModel::operator()(const control::RunningTask& task) const
   return control::widened(narrow_, wide_, c);
 }
 
-Eigen::VectorXd LeapNumbers::first(const control::AffineShape& running, const Eigen::VectorXd& c) const {
+Eigen::VectorXd LeapNumbers::first(const Eigen::VectorXd& c) const {
   Eigen::VectorXd x = Eigen::VectorXd::Zero(size());
   const int law = shape.law.phase_size(), m = shape.actions();
   for (int p = 0; p < shape.law.phases; ++p) x.segment(p * law, law) = c.head(law);
@@ -87,6 +109,8 @@ control::Manoeuvre Body::manoeuvre(const Eigen::VectorXd& x, double height, int 
   m.speed_in = m.speed_out = leap_speed;
   m.rise = height;
   m.end = leap_end;
+  m.recovery = Eigen::VectorXd::Zero(numbers.running.size());
+  m.recovery.head(numbers.recoveries()) = x.segment(numbers.recovery(), numbers.recoveries());
   return m;
 }
 
@@ -95,7 +119,7 @@ Body::Body(const sim::Model& m, const control::Roles& r, const control::Controll
   narrow = {table, {g.shape, 2}, g.limits};
   wide = {table, {{common_sets, g.shape.rank, 1}, 2}, g.limits};
   leap.fill({{}, {{common_sets, g.shape.rank, 2}, leap_parts}, g.limits});
-  numbers = {leap[0].shape};
+  numbers = {leap[0].shape, wide.shape};
 }
 
 void Body::add_leap(const GaitEvents& events) {

@@ -18,19 +18,28 @@ namespace sim = traceur::sim;
 /// The laws of all that is composed have these sensors and actions, so that one pack of lanes holds any mixture.
 inline constexpr control::FeedbackSets common_sets{true, false, true, true};
 
+/// What planning and authoring need to know of a runner.
+struct Measured {
+  traceur::plan::StepLength<double> length;
+  GaitEvents events;
+};
+
 /// What a runner can do, as far as it has been learned: a folder of files, one for each stage.
 ///
 ///     gait.json      the gait, simulated: a controller
 ///     running.txt    controls over turn (degrees per step) and speed: a continuation, at any point of its work
-///     jump.txt       controls over the height of a step, the same
+///     measured.json  what was measured of running
+///     jump.txt       controls over the height of a step, as running.txt
 struct Skills {
   control::Controller gait;
   std::optional<traceur::parameterize::Continuation> running, jump;
+  std::optional<Measured> measured;
 };
 
 /// Reads what is there of a folder. Throws traceur::Error when the gait is missing or a file is not what it should be.
 Skills read_skills(const std::filesystem::path& folder, const sim::Model& model, const control::Roles& roles);
 void write_gait(const std::filesystem::path& folder, const control::Controller& gait);
+void write_measured(const std::filesystem::path& folder, const Measured& m);
 /// `name`: running or jump.
 void write_stage(const std::filesystem::path& folder, const char* name, const traceur::parameterize::Continuation& c);
 
@@ -48,18 +57,21 @@ private:
   control::AffineShape narrow_, wide_;
 };
 
-/// The numbers that are searched for a leap: laws, offsets of all parts, beta, and what is added to the leap's distance.
+/// The numbers that are searched for a leap: laws, offsets of all parts, beta, what is added to the leap's distance, and what
+/// is added to running's law and offsets in transOut.
 struct LeapNumbers {
-  control::AffineShape shape;
+  control::AffineShape shape, running;
 
   int laws() const { return shape.law.size(); }
   int offsets() const { return shape.offsets * shape.actions(); }
-  int size() const { return laws() + offsets() + 2; }
   int beta() const { return laws() + offsets(); }
   int distance() const { return beta() + 1; }
+  int recovery() const { return distance() + 1; }
+  int recoveries() const { return running.alpha(); }
+  int size() const { return recovery() + recoveries(); }
 
   /// Those of the leap that a running control (of the wide shape) does by itself.
-  Eigen::VectorXd first(const control::AffineShape& running, const Eigen::VectorXd& control) const;
+  Eigen::VectorXd first(const Eigen::VectorXd& control) const;
 };
 
 /// Everything that playing the skills needs, made from the gait once.

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "trainer.hpp"
 
+#include <functional>
 #include <numbers>
+#include <numeric>
 
 #include "../common/progress.hpp"
 #include "traceur/control/resimulate.hpp"
@@ -21,6 +23,8 @@ namespace {
 constexpr double degree = std::numbers::pi / 180;
 // Streams of starts that learning never draws from.
 constexpr std::uint64_t test_stream = 77, state_stream = 78;
+// Courses of training are none that anyone asks for.
+constexpr std::uint64_t course_stream = std::uint64_t{1} << 32;
 
 std::vector<double> spaced(double first, double last, int count) {
   std::vector<double> out;
@@ -56,19 +60,6 @@ PerWorker<Trials, Make> per_worker(int workers, Make make) {
   return {workers, std::move(make)};
 }
 
-/// Tries one manoeuvre from starts 0 to `count`, and calls `take` with what became of each.
-template <class Straight, class Take>
-void each_trial(control::ClearingTrials<Lane>& trials, const control::Manoeuvre& m, const control::ClearingSettings& e, int count,
-                const std::vector<control::RunningState>& starts, Straight&& straight, Take&& take) {
-  constexpr int width = core::lane_count<Lane>;
-  for (int first = 0; first < count; first += width) {
-    const int used = std::min(width, count - first);
-    const auto out = trials.run(
-        e, used, [&](int) -> const control::Manoeuvre& { return m; }, [&](int l) { return first + l; }, starts, straight);
-    for (int l = 0; l < used; ++l) take(out[static_cast<std::size_t>(l)]);
-  }
-}
-
 /// Eq. 8's frequencies are the clip's own.
 control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
   p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
@@ -91,29 +82,45 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   // Who runs a course turns in the middle of a run, whichever foot is next.
   e.gait.run.either_foot = e.running.run.either_foot = true;
   // And every step is at another speed, from wherever the one before led.
-  e.gait.run.push = e.running.run.push = 0.1;
-  e.gait.run.wander = e.running.run.wander = {1 * degree, 0.15};
+  e.gait.run.push = 0.1;
+  e.gait.run.wander = {1 * degree, 0.15};
+  e.running.run.push = 0.2;
+  e.running.run.wander = {1 * degree, 0.3};
+  e.hardest_push = 0.3;
+  e.hardest_wander = {2 * degree, 0.5};
   e.gait.good_cost = 1.0;
   e.gait.generations = 120;
   e.gait.starts = 4;
-  e.running.good_cost = 1.5;
+  e.running.good_cost = 1.0;
   e.running.generations = 60;
   // The reference's clock and size stay while the gait itself is learned.
   e.gait.alpha_scale = e.gait.beta_scale = 1e-7;
   e.turns = spaced(0, 6, 4);
   e.speeds = spaced(2, 5, 7);
-  e.running.starts = 4;
-  e.heights = spaced(0.1, 0.4, 7);
-  // Planning leaves the leap's beginning this far off, and what is not steady after so many steps falls later.
-  e.clearing.seed = seed;
-  e.clearing.place = 0.3;
-  e.clearing.velocity = 0.15;
+  e.running.starts = 8;
+  // One leap for all of them: between leaps that were found apart there is worse.
+  e.heights = e.round_heights;
+  e.first_clearing.seed = e.clearing.seed = seed;
+  // States of courses are as they are; what is not steady after so many steps falls later.
+  e.clearing.place = 0.1;
+  e.clearing.velocity = 0.1;
   e.clearing.steps_after = 10;
+  e.clearing.settle = 1;
   if (quick) {
     e.turns = {0, 1, 2};
     e.speeds = {3.25, 3.5, 3.75};
-    e.heights = {0.15, 0.2};
-    e.first_jump_generations = 40;
+    e.heights = {0.1, 0.15};
+    e.first_height = 0.1;
+    e.round_heights = {0.1};
+    e.first_jump_generations = 80;
+    e.first_jump_share = e.jump_share = 0;
+    e.jump_trials = 16;
+    e.rounds = 1;
+    e.round_generations = e.recovery_generations = 10;
+    e.arrival_courses = 16;
+    e.first_clearing.place = e.first_clearing.velocity = 0.05;
+    e.first_clearing.steps_after = 2;
+    e.clearing = e.first_clearing;
     e.gait.generations = e.running.generations = 20;
     e.jump_generations = 20;
     e.max_attempts = 1;
@@ -152,7 +159,16 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
   });
   if (!from) {
     const control::RunningTask seed{0, body.narrow.table.speed()};
-    const control::RunningFound found = control::search_running(trials[0], shape, seed, shape.neutral(gait.law), p);
+    // Everything else starts from this one, so it is made to stand more than the others are asked to.
+    control::RunningSearch first = p;
+    first.good_cost = 0;
+    control::RunningFound found = control::search_running(trials[0], shape, seed, shape.neutral(gait.law), first);
+    progress_("running", text("%.2f m/s: %.0f %% of disturbed runs", seed.speed, 100 * found.judgement.share));
+    first.run.push = effort_.hardest_push;
+    first.run.wander = effort_.hardest_wander;
+    if (!interruption_asked()) found = control::search_running(trials[0], shape, seed, found.control, first);
+    if (interruption_asked()) throw Interrupted{};
+    progress_("running", text("%.2f m/s: %.0f %% of runs as disturbed as can be", seed.speed, 100 * found.judgement.share));
     if (!found.works) throw Error("running: the gait does not hold at its own speed");
     parameterize::ContinuationParameters grid;
     grid.axes = {to_vector(effort_.turns), to_vector(effort_.speeds)};
@@ -182,7 +198,7 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
     return r;
   };
   std::vector<ContinuationResult> results;
-  while (!c.finished()) {
+  while (!c.finished() && c.evaluations() < effort_.running_evaluations) {
     const auto& tasks = c.ask();
     results.assign(tasks.size(), {});
     executor_.run(static_cast<int>(tasks.size()), [&](int i, int worker) {
@@ -197,7 +213,10 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
   return c;
 }
 
-GaitEvents Trainer::watch(const Body& body, const Eigen::VectorXd& x, double speed) {
+GaitEvents Trainer::watch(const control::Controller& gait, const Continuation& running) {
+  const Body body(model_, roles_, gait);
+  const double speed = body.narrow.table.speed();
+  const Eigen::VectorXd x = RunningModel(running, body.narrow.shape, body.wide.shape)({0, speed});
   control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
   const int n = body.gait.ticks();
   std::vector<std::array<int, 2>> down(static_cast<std::size_t>(n), {0, 0});
@@ -243,134 +262,253 @@ std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen
   return control::running_states(trials, model_, body.wide, {0, speed}, x, e, 32);
 }
 
-Continuation Trainer::learn_jump(const control::Controller& gait, const RunningModel& running, Body& body, std::optional<Continuation> from) {
-  const double speed = body.leap_speed;
-  const Eigen::VectorXd run = running({0, speed});
-  const auto straight = [&](double v) { return running({0, v}); };
-  const std::vector<control::RunningState> starts = states(body, run, speed, state_stream);
-  const LeapNumbers& n = body.numbers;
-  const control::ClearingSettings& settings = effort_.clearing;
-
-  struct Judged {
-    double cost = 0;
-    int good = 0;
-  };
-  using Trials = control::ClearingTrials<Lane>;
+std::vector<control::RunningState> Trainer::arrivals(const RunningModel& running, const Body& body, const LeapModel& jump,
+                                                     const plan::StepLength<double>& length, std::uint64_t first) {
   constexpr int width = core::lane_count<Lane>;
-  const auto judge = [&](Trials& trials, const Eigen::VectorXd& x, double h, int count, std::uint64_t stream) {
-    const control::Manoeuvre m = body.manoeuvre(x, h);
+  CourseShape shape;
+  shape.obstacles = 4;
+  shape.lowest = effort_.round_heights.front();
+  shape.highest = effort_.round_heights.back();
+  CourseSettings settings;
+  settings.seed = effort_.clearing.seed;
+  const CourseRunner runner(body, running, jump, length, settings);
+  const int groups = effort_.arrival_courses / width;
+  std::vector<std::vector<control::RunningState>> found(static_cast<std::size_t>(groups));
+  executor_.run(groups, [&](int g, int) {
+    if (interruption_asked()) return;
+    const std::uint64_t number = first + static_cast<std::uint64_t>(g * width);
+    std::vector<Course> courses;
+    for (int i = 0; i < width; ++i) courses.push_back(random_course(shape, settings.seed, course_stream + number + static_cast<std::uint64_t>(i)));
+    CourseRunner mine = runner;
+    mine.run(courses, course_stream + number, nullptr, &found[static_cast<std::size_t>(g)]);
+  });
+  std::vector<control::RunningState> out;
+  for (auto& f : found)
+    for (control::RunningState& state : f) out.push_back(std::move(state));
+  if (interruption_asked()) throw Interrupted{};
+  if (out.empty()) throw Error("jump: no runner gets to a step");
+  return out;
+}
+
+/// Trials of leaps onto steps of several heights, many at a time.
+class Trainer::LeapTrials {
+public:
+  static constexpr int width = core::lane_count<Lane>;
+  using Trials = control::ClearingTrials<Lane>;
+
+  /// There are 1, 2, 4 or 8 heights (m), for numbers of starts that are multiples of them. All must outlive it.
+  LeapTrials(Trainer& owner, const RunningModel& running, const Body& body, std::vector<double> heights,
+             std::vector<control::RunningState> states, const control::ClearingSettings& trial)
+      : settings(trial), heights_(std::move(heights)), executor_(owner.executor_), states_(std::move(states)), running_(&running),
+        workers_(static_cast<std::size_t>(executor_.concurrency())) {
+    if (width % heights_.size() != 0) throw Error("jump: expected a number of heights that divides " + std::to_string(width));
+    for (const double h : heights_) grounds_.push_back(step_ground(h));
+    make_ = [this, &owner, &body] {
+      const control::Controller& gait = body.gait;
+      auto t = std::make_unique<Trials>(owner.model_, owner.roles_, gait.simulation, grounds_[0], heights_[0], gait.tick,
+                                        gait.steps_per_tick, body.wide);
+      for (int l = 0; l < width; ++l) t->place(l, grounds_[height_of(l)], heights_[height_of(l)]);
+      return t;
+    };
+  }
+
+  const std::vector<double>& heights() const { return heights_; }
+  /// Starts of `per` of each candidate, numbered from `first`: `manoeuvre(candidate, height)`.
+  template <class Of>
+  std::vector<control::ClearingOutcome> run(int candidates, int per, std::uint64_t stream, Of&& manoeuvre) {
+    const int jobs = candidates * per, groups = (jobs + width - 1) / width;
     control::ClearingSettings e = settings;
     e.stream = stream;
-    Judged j;
-    each_trial(trials, m, e, count, starts, straight, [&](const control::ClearingOutcome& o) {
-      j.cost += o.cost / count;
-      j.good += o.survived && o.cleared;
+    std::vector<control::ClearingOutcome> out(static_cast<std::size_t>(jobs));
+    executor_.run(groups, [&](int g, int worker) {
+      auto& trials = workers_[static_cast<std::size_t>(worker)];
+      if (!trials) trials = make_();
+      const int first = g * width, used = std::min(width, jobs - first);
+      const auto result = trials->run(
+          e, used, [&](int l) -> const control::Manoeuvre& { return manoeuvre((first + l) / per, static_cast<int>(height_of(l))); },
+          [&](int l) { return (first + l) % per; }, states_, [&](double v) { return (*running_)({0, v}); });
+      for (int l = 0; l < used; ++l) out[static_cast<std::size_t>(first + l)] = result[static_cast<std::size_t>(l)];
     });
-    return j;
-  };
-  const auto search = [&](Trials& trials, const Eigen::VectorXd& begin, double h, int generations, double difficulty, double sigma) {
-    ContinuationResult r;
-    const int population = effort_.jump_population, per = effort_.jump_starts;
-    optimize::CmaEsParameters cp;
-    cp.population = population;
-    cp.sigma = sigma;
-    cp.seed = settings.seed;
-    cp.tolerance_cost = 0;
-    cp.tolerance_x = 0;
-    cp.scale = Eigen::VectorXd::Constant(n.size(), 0.08);
-    cp.scale.head(n.laws()).setConstant(0.03);
-    cp.scale[n.beta()] = 0.03;
-    cp.scale[n.distance()] = 0.1;
-    optimize::CmaEs cma(begin, cp);
-    double best = std::numeric_limits<double>::infinity();
-    bool done = false;
-    const auto consider = [&](const Eigen::VectorXd& x) {
-      const Judged j = judge(trials, x, h, effort_.jump_trials, 1);
-      r.evaluations += effort_.jump_trials;
-      if (j.cost >= best) return;
-      best = r.cost = j.cost;
-      r.control = x;
-      r.works = j.good >= effort_.jump_share * effort_.jump_trials;
-      done = j.good == effort_.jump_trials && j.cost < effort_.jump_good_cost;
-    };
-    consider(begin);
-    Eigen::VectorXd costs(population);
-    std::vector<control::Manoeuvre> candidates(static_cast<std::size_t>(population));
-    for (int g = 0; g < generations && !done && !interruption_asked(); ++g) {
-      const Eigen::MatrixXd& x = cma.ask();
-      for (int k = 0; k < population; ++k)
-        candidates[static_cast<std::size_t>(k)] = body.manoeuvre(x.col(k), h);
-      costs.setZero();
-      control::ClearingSettings e = settings;
-      e.stream = 1000 + static_cast<std::uint64_t>(g);
-      e.place *= difficulty;
-      e.velocity *= difficulty;
-      int survived = 0;
-      for (int first = 0; first < population * per; first += width) {
-        const int used = std::min(width, population * per - first);
-        const auto out = trials.run(
-            e, used, [&](int l) -> const control::Manoeuvre& { return candidates[static_cast<std::size_t>((first + l) / per)]; },
-            [&](int l) { return (first + l) % per; }, starts, straight);
-        for (int l = 0; l < used; ++l) {
-          costs[(first + l) / per] += out[static_cast<std::size_t>(l)].cost / per;
-          survived += out[static_cast<std::size_t>(l)].survived;
-        }
-      }
-      if (3 * survived > population * per) difficulty = std::min(1.0, difficulty + 0.1);
-      r.evaluations += population * per;
-      cma.tell(costs);
-      if (g % 10 == 9) consider(cma.mean());
-    }
-    return r;
-  };
+    return out;
+  }
 
-  const auto trials_at = [&](double h, const sim::Ground<float>& ground) {
-    return Trials(model_, roles_, gait.simulation, ground, h, gait.tick, gait.steps_per_tick, body.wide);
+  control::ClearingSettings settings;
+
+private:
+  std::size_t height_of(int lane) const { return static_cast<std::size_t>(lane) % heights_.size(); }
+
+  std::vector<double> heights_;
+  std::vector<sim::Ground<float>> grounds_;
+  core::ThreadExecutor& executor_;
+  std::vector<control::RunningState> states_;
+  const RunningModel* running_;
+  std::function<std::unique_ptr<Trials>()> make_;
+  std::vector<std::unique_ptr<Trials>> workers_;
+};
+
+/// What is searched, and how long.
+struct Trainer::LeapSearch {
+  Eigen::VectorXd begin;
+  double share = 0;          ///< of trials that must do what is asked for
+  std::vector<int> free;     ///< which of its numbers
+  int starts = 4, generations = 80;
+  double difficulty = 1;     ///< of the first generation
+  double sigma = 0.4;
+  std::uint64_t seed = 1;
+};
+
+Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, const LeapSearch& s) {
+  const LeapNumbers& n = body.numbers;
+  const std::vector<double>& heights = trials.heights();
+  const int population = effort_.jump_population;
+  const auto free = static_cast<Eigen::Index>(s.free.size());
+  const auto whole = [&](const Eigen::VectorXd& part) {
+    Eigen::VectorXd x = s.begin;
+    for (Eigen::Index i = 0; i < free; ++i) x[s.free[static_cast<std::size_t>(i)]] = part[i];
+    return x;
   };
-  // What was learned for other heights is improved for these.
-  const bool known = from && from->parameters().axes[0] != to_vector(effort_.heights);
-  if (!from || known) {
-    const double h = effort_.first_height;
-    const sim::Ground<float> ground = step_ground(h);
-    Trials trials = trials_at(h, ground);
-    ContinuationResult first;
-    if (known) {
-      first = search(trials, from->model()(Eigen::VectorXd::Constant(1, h)), h, effort_.jump_generations, 0.6, effort_.jump_sigma);
-    } else {
-      // Running's own numbers take off too weakly by far: the first search takes large steps, others from what it found.
-      first = search(trials, n.first(body.wide.shape, run), h, effort_.first_jump_generations / 4, 0.2, 2.5 * effort_.jump_sigma);
-      progress_("jump", text("a step of %.2f m, first: cost %.3g", h, first.cost));
+  const auto manoeuvres = [&](const Eigen::VectorXd& x, std::vector<control::Manoeuvre>& out) {
+    for (const double h : heights) out.push_back(body.manoeuvre(x, h));
+  };
+  optimize::CmaEsParameters cp;
+  cp.population = population;
+  cp.sigma = s.sigma;
+  cp.seed = s.seed;
+  cp.tolerance_cost = 0;
+  cp.tolerance_x = 0;
+  Eigen::VectorXd scale = Eigen::VectorXd::Constant(n.size(), 0.08), begin(free);
+  scale.head(n.laws()).setConstant(0.03);
+  scale[n.beta()] = 0.03;
+  scale[n.distance()] = 0.1;
+  scale.segment(n.recovery(), n.running.law.size()).setConstant(0.03);
+  scale.tail(n.recoveries() - n.running.law.size()).setConstant(0.05);
+  cp.scale.resize(free);
+  for (Eigen::Index i = 0; i < free; ++i) {
+    cp.scale[i] = scale[s.free[static_cast<std::size_t>(i)]];
+    begin[i] = s.begin[s.free[static_cast<std::size_t>(i)]];
+  }
+  optimize::CmaEs cma(begin, cp);
+  LeapFound r;
+  double best = std::numeric_limits<double>::infinity();
+  bool done = false;
+  const auto consider = [&](const Eigen::VectorXd& x) {
+    std::vector<control::Manoeuvre> m;
+    manoeuvres(x, m);
+    double cost = 0;
+    int good = 0;
+    for (const auto& o : trials.run(1, effort_.jump_trials, 1, [&](int, int h) -> const control::Manoeuvre& { return m[static_cast<std::size_t>(h)]; })) {
+      cost += o.cost / effort_.jump_trials;
+      good += o.survived && o.cleared;
     }
-    for (int again = 0; again < 3 && !first.works && !interruption_asked(); ++again)
-      first = search(trials, Eigen::VectorXd(first.control), h, effort_.first_jump_generations, 0.4, effort_.jump_sigma);
+    r.evaluations += effort_.jump_trials;
+    if (cost >= best) return;
+    best = r.cost = cost;
+    r.control = x;
+    r.works = good >= s.share * effort_.jump_trials;
+    r.share = static_cast<double>(good) / effort_.jump_trials;
+    done = good == effort_.jump_trials && cost < effort_.jump_good_cost;
+  };
+  consider(s.begin);
+  const control::ClearingSettings all = trials.settings;
+  double difficulty = s.difficulty;
+  Eigen::VectorXd costs(population);
+  std::vector<control::Manoeuvre> m;
+  for (int g = 0; g < s.generations && !done && !interruption_asked(); ++g) {
+    const Eigen::MatrixXd& x = cma.ask();
+    m.clear();
+    for (int k = 0; k < population; ++k) manoeuvres(whole(x.col(k)), m);
+    trials.settings.place = difficulty * all.place;
+    trials.settings.velocity = difficulty * all.velocity;
+    const auto out = trials.run(population, s.starts, 1000 + static_cast<std::uint64_t>(g), [&](int k, int h) -> const control::Manoeuvre& {
+      return m[static_cast<std::size_t>(k) * heights.size() + static_cast<std::size_t>(h)];
+    });
+    trials.settings = all;
+    costs.setZero();
+    int survived = 0;
+    for (std::size_t i = 0; i < out.size(); ++i) {
+      costs[static_cast<Eigen::Index>(i) / s.starts] += out[i].cost / s.starts;
+      survived += out[i].survived;
+    }
+    if (3 * survived > static_cast<int>(out.size())) difficulty = std::min(1.0, difficulty + 0.1);
+    r.evaluations += static_cast<std::int64_t>(out.size());
+    cma.tell(costs);
+    if (g % 10 == 9) consider(whole(cma.mean()));
+  }
+  return r;
+}
+
+Continuation Trainer::learn_jump(const RunningModel& running, const Body& body, const plan::StepLength<double>& length,
+                                 std::optional<Continuation> from) {
+  const LeapNumbers& n = body.numbers;
+  const auto range = [](int first, int count) {
+    std::vector<int> out(static_cast<std::size_t>(count));
+    std::iota(out.begin(), out.end(), first);
+    return out;
+  };
+  const auto check = [&] {
     if (interruption_asked()) throw Interrupted{};
-    progress_("jump", text("a step of %.2f m: cost %.3g", h, first.cost));
+  };
+  const double h = effort_.first_height;
+  Eigen::VectorXd x;
+  // What was learned already is improved.
+  const bool known = from && from->parameters().axes[0] != to_vector(effort_.heights);
+  if (known) x = from->model()(Eigen::VectorXd::Constant(1, h));
+  if (!from) {
+    const double speed = body.leap_speed;
+    const Eigen::VectorXd run = running({0, speed});
+    LeapTrials trials(*this, running, body, {h}, states(body, run, speed, state_stream), effort_.first_clearing);
+    // Running's own numbers take off too weakly by far: the first search takes large steps, others from what it found.
+    LeapSearch s{n.first(run), effort_.first_jump_share, range(0, n.recovery()), effort_.first_jump_starts, effort_.first_jump_generations / 2, 0.2, 2.5 * effort_.jump_sigma, effort_.clearing.seed};
+    LeapFound first = search_leap(trials, body, s);
+    progress_("jump", text("a step of %.2f m, first: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
+    for (int again = 0; again < 4 && !first.works; ++again) {
+      check();
+      s.begin = first.control;
+      s.generations = effort_.first_jump_generations;
+      s.difficulty = 0.4;
+      s.sigma = effort_.jump_sigma;
+      s.seed += 1;
+      first = search_leap(trials, body, s);
+      progress_("jump", text("a step of %.2f m: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
+    }
+    check();
     if (!first.works) throw Error("jump: the first step cannot be done");
+    x = first.control;
+  }
+  if (!from || known) {
+    for (int round = 0; round < effort_.rounds; ++round) {
+      const auto found = arrivals(running, body, [&](double) { return x; }, length, static_cast<std::uint64_t>(round * effort_.arrival_courses));
+      LeapTrials trials(*this, running, body, effort_.round_heights, found, effort_.clearing);
+      const auto improve = [&](const char* what, std::vector<int> free, int generations) {
+        const LeapFound r = search_leap(
+            trials, body, {x, 0, std::move(free), effort_.round_starts, generations, 1, effort_.jump_sigma, effort_.clearing.seed + 10 + static_cast<std::uint64_t>(round)});
+        check();
+        x = r.control;
+        progress_("jump", text("round %d, %s, from %d states: cost %.3g, %.0f %% of trials", round + 1, what, static_cast<int>(found.size()), r.cost, 100 * r.share));
+      };
+      improve("leap", range(0, n.recovery()), effort_.round_generations);
+      improve("transOut", range(n.recovery(), n.recoveries()), effort_.recovery_generations);
+    }
     parameterize::ContinuationParameters grid;
     grid.axes = {to_vector(effort_.heights)};
-    grid.max_attempts = effort_.max_attempts + 1;
-    from.emplace(grid, Eigen::VectorXd::Constant(1, h), first.control);
+    grid.max_attempts = 1;
+    from.emplace(grid, Eigen::VectorXd::Constant(1, h), x);
+    write_stage(folder_, "jump", *from);
   }
   Continuation c = std::move(*from);
+  const auto found = arrivals(running, body, leap_model(c), length, static_cast<std::uint64_t>(effort_.rounds * effort_.arrival_courses));
   std::vector<ContinuationResult> results;
   while (!c.finished()) {
     const auto& tasks = c.ask();
     results.assign(tasks.size(), {});
-    executor_.run(static_cast<int>(tasks.size()), [&](int i, int) {
-      const ContinuationTask& t = tasks[static_cast<std::size_t>(i)];
-      const sim::Ground<float> ground = step_ground(t.parameter[0]);
-      Trials trials = trials_at(t.parameter[0], ground);
-      ContinuationResult& r = results[static_cast<std::size_t>(i)];
-      if (t.kind == ContinuationTask::Kind::optimize) {
-        r = search(trials, t.control, t.parameter[0], effort_.jump_generations, 0.6, effort_.jump_sigma);
-      } else {
-        const Judged j = judge(trials, t.control, t.parameter[0], effort_.jump_trials, 1);
-        r.works = j.good >= effort_.jump_share * effort_.jump_trials;
-        r.cost = j.cost;
-        r.evaluations = effort_.jump_trials;
-      }
-    });
-    if (interruption_asked()) throw Interrupted{};
+    for (std::size_t i = 0; i < tasks.size(); ++i) {
+      const ContinuationTask& t = tasks[i];
+      LeapTrials trials(*this, running, body, {t.parameter[0]}, found, effort_.clearing);
+      // Laws stay as they are, so that what lies between two leaps does too.
+      const bool test = t.kind == ContinuationTask::Kind::test;
+      results[i] = search_leap(trials, body, {t.control, effort_.jump_share, range(n.laws(), n.offsets() + 2), effort_.round_starts, test ? 0 : effort_.jump_generations, 1, effort_.jump_sigma, effort_.clearing.seed});
+      check();
+    }
     c.tell(results);
     write_stage(folder_, "jump", c);
     progress_("jump", text("%.0f %% of the range, %ld trials", 100 * c.coverage(), static_cast<long>(c.evaluations())));
@@ -403,31 +541,24 @@ std::vector<NodeResult> Trainer::test_running(const control::Controller& gait, c
   return out;
 }
 
-std::vector<JumpResult> Trainer::test_jump(const RunningModel& running, const Body& body, const Continuation& c,
-                                           const std::vector<double>& heights, int count, const control::Composer::Settings& composition) {
-  const double speed = body.leap_speed;
-  const auto straight = [&](double v) { return running({0, v}); };
-  const std::vector<control::RunningState> starts = states(body, straight(speed), speed, state_stream + 1);
-  const parameterize::Rbf rbf = c.model();
-  std::vector<JumpResult> out(heights.size());
-  executor_.run(static_cast<int>(heights.size()), [&](int i, int) {
-    JumpResult& r = out[static_cast<std::size_t>(i)];
-    r.height = heights[static_cast<std::size_t>(i)];
+std::vector<JumpResult> Trainer::test_jump(const RunningModel& running, const Body& body, const LeapModel& jump,
+                                           const plan::StepLength<double>& length, const std::vector<double>& heights, int count) {
+  const auto starts = arrivals(running, body, jump, length, 1000000);
+  std::vector<JumpResult> out;
+  for (const double h : heights) {
+    LeapTrials trials(*this, running, body, {h}, starts, effort_.clearing);
+    const control::Manoeuvre m = body.manoeuvre(jump(h), h);
+    JumpResult r;
+    r.height = h;
     r.trials = count;
-    const sim::Ground<float> ground = step_ground(r.height);
-    control::ClearingTrials<Lane> trials(model_, roles_, body.gait.simulation, ground, r.height, body.gait.tick, body.gait.steps_per_tick,
-                                         body.wide, composition);
-    const control::Manoeuvre m =
-        body.manoeuvre(rbf(Eigen::VectorXd::Constant(1, r.height)), r.height);
-    control::ClearingSettings e = effort_.clearing;
-    e.stream = test_stream;
-    each_trial(trials, m, e, count, starts, straight, [&](const control::ClearingOutcome& o) {
+    for (const auto& o : trials.run(1, count, test_stream, [&](int, int) -> const control::Manoeuvre& { return m; })) {
       r.survived += o.survived;
       r.cleared += o.survived && o.cleared;
       r.exit_speed += o.survived ? o.exit_speed : 0;
-    });
+    }
     if (r.survived > 0) r.exit_speed /= r.survived;
-  });
+    out.push_back(r);
+  }
   return out;
 }
 

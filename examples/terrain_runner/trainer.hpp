@@ -8,8 +8,7 @@
 #include <vector>
 
 #include "../common/lane.hpp"
-#include "skills.hpp"
-#include "traceur/control/clearing.hpp"
+#include "course.hpp"
 #include "traceur/control/running_search.hpp"
 #include "traceur/core/executor.hpp"
 
@@ -20,15 +19,21 @@ using example::Lane;
 /// How much is spent on each stage.
 struct Effort {
   control::RunningSearch gait, running;  ///< searches for the gait and for each node of the running range
+  std::int64_t running_evaluations = 90000;  ///< runs after which the range is left as it is
+  double hardest_push = 0;               ///< of the first node of the range, as RunningSettings has them
+  control::RunningTask hardest_wander;
   std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
   std::vector<double> heights;           ///< nodes of the jump, m
-  control::ClearingSettings clearing;    ///< trials of the jump
-  int jump_population = 32, jump_starts = 4, jump_generations = 80, jump_trials = 32;
+  control::ClearingSettings first_clearing, clearing;  ///< trials of the jump: at first, and from states of courses
+  int jump_population = 32, jump_generations = 80, jump_trials = 64;
   double first_height = 0.2;             ///< m, one of the heights: where the leap is learned from nothing
-  int first_jump_generations = 250;
+  int first_jump_generations = 100, first_jump_starts = 4;
   double jump_good_cost = 0.8;           ///< with which a search ends early if all its trials clear the step
   double jump_sigma = 0.4;               ///< first standard deviation, in units of the search's scales
-  double jump_share = 0.8;               ///< of trials that must clear the step and run on
+  double first_jump_share = 0.5, jump_share = 0.85;  ///< of trials that must clear the step and run on: at first, and in the end
+  int rounds = 2;                        ///< of states from courses, leap and transOut
+  int round_generations = 150, recovery_generations = 60, round_starts = 8, arrival_courses = 64;
+  std::vector<double> round_heights{0.1, 0.15, 0.2, 0.25};  ///< m; 1, 2, 4 or 8 of them
   int max_attempts = 2;
 
   static Effort of(bool quick, std::uint64_t seed);
@@ -60,23 +65,35 @@ public:
   control::Controller make_gait(const control::Controller& from);
   /// Spreads the gait over speeds and turns.
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
-  /// Spreads the leap over heights.
-  traceur::parameterize::Continuation learn_jump(const control::Controller& gait, const RunningModel& running, Body& body,
+  /// Learns a leap, improves it and what follows it from states in which leaps on courses begin, and spreads it over heights.
+  traceur::parameterize::Continuation learn_jump(const RunningModel& running, const Body& body,
+                                                 const traceur::plan::StepLength<double>& length,
                                                  std::optional<traceur::parameterize::Continuation> from);
 
   /// At nodes with turns of at most `most_turn` degrees per step, to either side.
   std::vector<NodeResult> test_running(const control::Controller& gait, const traceur::parameterize::Continuation& c, int trials,
                                        double most_turn = 90, bool disturbed = false);
-  std::vector<JumpResult> test_jump(const RunningModel& running, const Body& body, const traceur::parameterize::Continuation& c,
-                                    const std::vector<double>& heights, int trials, const control::Composer::Settings& composition = {});
+  std::vector<JumpResult> test_jump(const RunningModel& running, const Body& body, const LeapModel& jump,
+                                    const traceur::plan::StepLength<double>& length, const std::vector<double>& heights, int trials);
   /// Step length against speed over the nodes that were done.
   traceur::plan::StepLength<double> step_length(const std::vector<NodeResult>& nodes) const;
 
   /// Where the feet are on the ground, and states in which leaps begin.
-  GaitEvents watch(const Body& body, const Eigen::VectorXd& control, double speed);
+  GaitEvents watch(const control::Controller& gait, const traceur::parameterize::Continuation& running);
   std::vector<control::RunningState> states(const Body& body, const Eigen::VectorXd& control, double speed, std::uint64_t stream);
+  /// States in which leaps begin on courses of steps that are numbered from `first` on.
+  std::vector<control::RunningState> arrivals(const RunningModel& running, const Body& body, const LeapModel& jump,
+                                              const traceur::plan::StepLength<double>& length, std::uint64_t first);
 
 private:
+  struct LeapSearch;
+  class LeapTrials;
+  /// The same with the share of trials that did what was asked for.
+  struct LeapFound : traceur::parameterize::ContinuationResult {
+    double share = 0;
+  };
+  LeapFound search_leap(LeapTrials& trials, const Body& body, const LeapSearch& s);
+
   const sim::Model& model_;
   control::Roles roles_;
   Effort effort_;

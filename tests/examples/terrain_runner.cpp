@@ -43,6 +43,26 @@ TEST_CASE("courses go the same on any number of threads, some are completed, and
   CHECK(blind["completed"] == 0);
 }
 
+TEST_CASE("an interrupted evaluation says no more than that") {
+  const fs::path folder = fresh("terrain_runner", "interrupted"), out = folder / "out";
+  shell(folder, "timeout -s INT 1 " + program.string() + " evaluate --courses 100000 --threads 1 --out " + out.string());
+  const nlohmann::json report = report_of(out);
+  CHECK(report["status"] == "interrupted");
+  CHECK_FALSE(report.contains("why"));
+}
+
+TEST_CASE("a small job learns a leap on top of running, and it is used") {
+  const fs::path folder = fresh("terrain_runner", "train"), out = folder / "out";
+  fs::create_directories(out);
+  for (const char* file : {"gait.json", "running.txt", "measured.json"}) fs::copy_file(skills / file, out / file);
+  REQUIRE(runner(folder, "train --quick --threads 1 --resume " + out.string()).status == 0);
+  const nlohmann::json report = report_of(out);
+  CHECK(report["status"] == "done");
+  CHECK(report["jump"]["evaluations"].get<int>() > 100);
+  REQUIRE(runner(folder, "evaluate --courses 16 --obstacles 1 --highest 0.1 --threads 1 " + out.string() + " --out " + (folder / "courses").string()).status == 0);
+  CHECK(report_of(folder / "courses")["obstacles_met"].get<int>() >= 8);
+}
+
 TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and leaves nothing behind") {
   const fs::path folder = fresh("terrain_runner", "refused"), out = folder / "out";
   fs::create_directories(folder / "empty");
@@ -57,6 +77,9 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   refused("train /nowhere/controller.json --out " + out.string(), "/nowhere/controller.json");
   refused("run " + (folder / "empty").string() + " --out " + out.string(), "gait.json");
   refused("evaluate " + (folder / "broken").string() + " --out " + out.string(), "running.txt");
+  fs::copy_file(skills / "running.txt", folder / "broken" / "running.txt", fs::copy_options::overwrite_existing);
+  std::ofstream(folder / "broken" / "measured.json") << "{\"step_length\": {}}\n";
+  refused("evaluate " + (folder / "broken").string() + " --out " + out.string(), "measured.json: field 'step_length': field 'slope_s' is missing");
   refused("evaluate --without luck --out " + out.string(), "--without");
   refused("run --lowest 0.5 --highest 0.2 --out " + out.string(), "--highest");
 }
