@@ -109,6 +109,8 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   if (quick) {
     e.turns = {0, 1, 2};
     e.speeds = {3.25, 3.5, 3.75};
+    e.running.starts = 4;
+    e.running_evaluations = 2000;
     e.hardest_push = e.running.run.push;
     e.hardest_wander = e.running.run.wander;
     e.heights = {0.1, 0.15};
