@@ -27,7 +27,9 @@ using traceur::control::TrackingReference;
 
 void test_and_show(const Options& options, const Scene& scene, Learned learned, const TrackingReference& measured,
                    Performer& performer, Report& report) {
-  if (options.robust) {
+  const bool is_new_gait = options.controller.empty() && learned.controller.cyclic;
+  const bool robust = options.robust.value_or(is_new_gait && !options.quick);
+  if (robust) {
     const Learned hardened = performer.harden(learned.controller);
     report.add_hardening(hardened);
     learned.controller.law = hardened.controller.law;
@@ -37,7 +39,7 @@ void test_and_show(const Options& options, const Scene& scene, Learned learned, 
     report.add_fine_tuning(tuned);
     learned.controller.law = tuned.controller.law;
   }
-  if (options.robust || options.fine_tune_s > 0)
+  if (robust || options.fine_tune_s > 0)
     traceur::io::write_controller(options.out / "controller.json", learned.controller);
   report.add(performer.test(learned.controller, measured), learned);
   const PushResult pushes = performer.push(learned.controller);

@@ -51,7 +51,7 @@ void take_over(Options& o, const Json& begun, const CLI::App& app) {
   o.feedback = begun.at("feedback").get<std::string>();
   o.simulator = begun.at("simulator").get<std::string>();
   o.fine_tune_s = begun.at("fine_tune_s").get<double>();
-  o.robust = begun.at("robust").get<bool>();
+  if (const auto& robust = begun.at("robust"); !robust.is_null()) o.robust = robust.get<bool>();
   o.dt_hz = begun.at("dt_hz").get<int>();
   o.seed = begun.at("seed").get<std::uint64_t>();
   o.perturb = begun.at("perturb").get<bool>();
@@ -76,7 +76,7 @@ Json job_arguments(const Options& o) {
               {"feedback", o.feedback},
               {"simulator", o.simulator},
               {"fine_tune_s", o.fine_tune_s},
-              {"robust", o.robust},
+              {"robust", o.robust ? nlohmann::ordered_json(*o.robust) : nlohmann::ordered_json()},
               {"dt_hz", o.dt_hz},
               {"seed", o.seed},
               {"perturb", o.perturb},
@@ -116,8 +116,9 @@ std::optional<Options> read_options(int argc, char** argv) {
                  "search and learning are always on the bundled one");
   app.add_option("--fine-tune", o.fine_tune_s, "seconds to go on learning on that simulator before the test (default 0)")
       ->check(CLI::Range(0.0, 1e6));
-  app.add_flag("--robust", o.robust,
-               "go on learning where ground, friction and time step differ and pushes come, so that the law holds elsewhere");
+  app.add_flag("--robust,!--no-robust", o.robust,
+               "go on learning where ground, friction and time step differ and pushes come, so that the law holds\n"
+               "elsewhere; by default a gait's law does, but for --quick");
   app.add_option("--motion", o.motion, "auto (default), cyclic (a gait without end) or once")
       ->check(CLI::IsMember({"auto", "cyclic", "once"}));
   app.add_option("--feedback", o.feedback,

@@ -26,7 +26,9 @@ struct Options {
   std::string feedback = "large";    ///< small (63 numbers a phase) or large (99)
   std::string simulator = "bundled"; ///< what tests, pushes, fine-tuning and the replay run on
   double fine_tune_s = 0;            ///< wall time of learning on that simulator after the controller is had, s
-  bool robust = false;               ///< whether the law goes on learning in worlds that differ
+  /// Whether the law goes on learning in worlds that differ. By default that of a gait does once it is learnt, unless the
+  /// job is quick.
+  std::optional<bool> robust;
   int dt_hz = 240;                   ///< simulation steps a second, a multiple of 60
   std::uint64_t seed = 1;
   int threads = 0;  ///< 0: all

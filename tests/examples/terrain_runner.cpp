@@ -58,7 +58,8 @@ TEST_CASE("a small job learns a leap on top of running, and it is used") {
   REQUIRE(runner(folder, "train --quick --threads 1 --resume " + out.string()).status == 0);
   const nlohmann::json report = report_of(out);
   CHECK(report["status"] == "done");
-  CHECK(report["jump"]["evaluations"].get<int>() > 100);
+  CHECK(report["jump"]["evaluations"].get<int>() > 0);
+  CHECK(report["jump"]["heights"][0]["cleared"].get<int>() > 8);
   REQUIRE(runner(folder, "evaluate --courses 16 --obstacles 1 --highest 0.1 --threads 1 " + out.string() + " --out " + (folder / "courses").string()).status == 0);
   CHECK(report_of(folder / "courses")["obstacles_met"].get<int>() >= 8);
 }
