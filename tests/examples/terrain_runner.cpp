@@ -45,7 +45,7 @@ TEST_CASE("courses go the same on any number of threads, some are completed, and
 
 TEST_CASE("an interrupted evaluation says no more than that") {
   const fs::path folder = fresh("terrain_runner", "interrupted"), out = folder / "out";
-  shell(folder, "timeout -s INT 1 " + program.string() + " evaluate --courses 100000 --threads 1 --out " + out.string());
+  shell(folder, "timeout --foreground -s INT 1 " + program.string() + " evaluate --courses 100000 --threads 1 --out " + out.string());
   const nlohmann::json report = report_of(out);
   CHECK(report["status"] == "interrupted");
   CHECK_FALSE(report.contains("why"));
