@@ -54,36 +54,38 @@ struct Effort {
     return e;
   }
 
-  /// Learning that goes on from a law which holds, in worlds that differ.
-  traceur::control::FeedbackLearning hardening() const {
+  /// Learning that goes on from a law, under full perturbation and until it is told to stop.
+  static traceur::control::FeedbackLearning going_on() {
     traceur::control::FeedbackLearning p;
+    p.generations = 1 << 20;
+    p.patience = 1 << 20;
+    p.perturbation_step = 0.5;
+    p.first_perturbation = 1;
+    return p;
+  }
+
+  /// From a law which holds, in worlds that differ.
+  static traceur::control::FeedbackLearning hardening() {
+    traceur::control::FeedbackLearning p = going_on();
     p.population = 24;
     p.starts = 8;
     p.sigma = 0.05;
-    p.generations = hardening_generations;
-    p.patience = 1 << 20;
     p.first_seconds = 6;
     p.last_seconds = 12;
-    p.perturbation_step = 0.5;
-    p.first_perturbation = 1;
     p.validation_episodes = 96;
     p.worlds = 4;
     p.push = 8;
     return p;
   }
 
-  /// Learning on an engine from a law which nearly holds there.
-  traceur::control::FeedbackLearning fine_tuning() const {
-    traceur::control::FeedbackLearning p;
+  /// From a law which nearly holds.
+  static traceur::control::FeedbackLearning fine_tuning() {
+    traceur::control::FeedbackLearning p = going_on();
     p.population = 12;
     p.starts = 2;
     p.sigma = 0.03;
-    p.generations = 1 << 20;
-    p.patience = 1 << 20;
     p.first_seconds = 5;
     p.last_seconds = 8;
-    p.perturbation_step = 0.5;
-    p.first_perturbation = 1;
     p.validation_episodes = 12;
     p.validate_every = 3;
     return p;

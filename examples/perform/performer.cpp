@@ -51,6 +51,10 @@ private:
   Clock clock_;
 };
 
+Vector3<double> lane_vector(const Vector3<Lane>& v, int lane) {
+  return {core::lane_of(v.x, lane), core::lane_of(v.y, lane), core::lane_of(v.z, lane)};
+}
+
 /// The bundled dynamics of one lane, with a look at it after every time step.
 class WatchedSteps final : public Engine {
 public:
@@ -68,10 +72,8 @@ public:
       if (push_.body >= 0) lanes.push(0, push_.body, push_.force, push_.point);
       lanes.step(1);
       look_(lanes);
-      for (std::size_t b = 0; b < forces.size(); ++b) {
-        const Vector3<Lane>& f = lanes.body_force()[b];
-        forces[b] += (1.0F / static_cast<float>(steps)) * Vector3<float>{core::lane_of(f.x, 0), core::lane_of(f.y, 0), core::lane_of(f.z, 0)};
-      }
+      for (std::size_t b = 0; b < forces.size(); ++b)
+        forces[b] += (1.0F / static_cast<float>(steps)) * lane_vector(lanes.body_force()[b], 0).cast<float>();
     }
     for (std::size_t b = 0; b < forces.size(); ++b) lanes.set_body_force(0, static_cast<int>(b), forces[b]);
     push_.body = -1;
@@ -86,10 +88,6 @@ private:
   Look look_;
   Force push_;
 };
-
-Vector3<double> lane_vector(const Vector3<Lane>& v, int lane) {
-  return {core::lane_of(v.x, lane), core::lane_of(v.y, lane), core::lane_of(v.z, lane)};
-}
 
 /// A cyclic reference goes on from cycle to cycle; one of a motion done once stays in its last pose.
 Eigen::VectorXd reference_pose(const control::Controller& c, int tick) {
@@ -199,6 +197,12 @@ control::Perturbation Performer::perturbation(const control::Controller& c) cons
   return p;
 }
 
+control::FeedbackLearning Performer::for_job(control::FeedbackLearning p, const control::Controller& c) const {
+  p.seed = options_.seed;
+  p.starts_moved = perturbation(c);
+  return p;
+}
+
 Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   const Clock clock;
   Learned out;
@@ -215,9 +219,7 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
                                              search.result, p, shape);
   c.clip = motion.clip.name;
 
-  control::FeedbackLearning settings = effort_.learning;
-  settings.seed = options_.seed;
-  settings.starts_moved = perturbation(c);
+  control::FeedbackLearning settings = for_job(effort_.learning, c);
   if (c.cyclic) settings.generations = effort_.gait_generations;
   if (!c.cyclic) {
     settings.starts = effort_.one_shot_starts;
@@ -271,9 +273,8 @@ Learned Performer::harden(const control::Controller& c) {
   Learned out;
   out.controller = c;
   Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
-  control::FeedbackLearning settings = effort_.hardening();
-  settings.seed = options_.seed;
-  settings.starts_moved = perturbation(c);
+  control::FeedbackLearning settings = for_job(Effort::hardening(), c);
+  settings.generations = effort_.hardening_generations;
   ProgressLine line("hardening, generation", 0, settings.generations);
   const auto progress = [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
     char text[120];
@@ -332,10 +333,7 @@ Learned Performer::tune_for_engine(const control::Controller& c, double seconds)
     bool holds = consider(c.law);
     if (!holds) {
       // The bundled simulator learns some hundred times as fast.
-      control::FeedbackLearning other_worlds = effort_.hardening();
-      other_worlds.generations = 1 << 20;
-      other_worlds.seed = options_.seed;
-      other_worlds.starts_moved = perturbation(c);
+      const control::FeedbackLearning other_worlds = for_job(Effort::hardening(), c);
       const double until = clock.seconds() + 0.6 * (seconds - clock.seconds());
       const control::FeedbackProgress s = control::learn_feedback(here, c, other_worlds, executor_,
                                                                   [&](const control::FeedbackProgress& now, const optimize::CmaEs&) {
@@ -346,9 +344,7 @@ Learned Performer::tune_for_engine(const control::Controller& c, double seconds)
       if (!interruption_asked()) holds = consider(s.best_law);
     }
     if (!holds && !interruption_asked()) {
-      control::FeedbackLearning its_own = effort_.fine_tuning();
-      its_own.seed = options_.seed;
-      its_own.starts_moved = perturbation(c);
+      const control::FeedbackLearning its_own = for_job(Effort::fine_tuning(), c);
       const control::Controller start = out.controller;
       double simulated = 0;
       control::learn_feedback(there, start, its_own, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
@@ -372,10 +368,8 @@ Learned Performer::fine_tune(const control::Controller& c, double seconds) {
   const Clock clock;
   Learned out;
   out.controller = c;
-  Runners runners = chosen_runners(c, seconds);
-  control::FeedbackLearning settings = effort_.fine_tuning();
-  settings.seed = options_.seed;
-  settings.starts_moved = perturbation(c);
+  Runners runners = make_runners(executor_, scene_.model, c.simulation, ground_, cost_);
+  const control::FeedbackLearning settings = for_job(Effort::fine_tuning(), c);
   ProgressLine line("fine-tuning, second", 0, static_cast<int>(std::ceil(seconds)));
   const auto progress = [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
     out.controller.law = s.best_law;
@@ -387,11 +381,7 @@ Learned Performer::fine_tune(const control::Controller& c, double seconds) {
     line.tell(std::min(static_cast<int>(clock.seconds()), static_cast<int>(seconds)), text);
     return clock.seconds() < seconds && !interruption_asked();
   };
-  try {
-    control::learn_feedback(runners, c, settings, executor_, progress);
-  } catch (const TimeIsUp&) {
-    // What is left of an unfinished generation is of no use.
-  }
+  control::learn_feedback(runners, c, settings, executor_, progress);
   if (interruption_asked()) throw Interrupted{};
   out.wall_s = clock.seconds();
   return out;

@@ -92,6 +92,9 @@ private:
   Runners chosen_runners(const traceur::control::Controller& controller,
                          double most_s = std::numeric_limits<double>::infinity());
   Learned tune_for_engine(const traceur::control::Controller& controller, double seconds);
+  /// With the job's seed, and starts moved as the controller's motion allows.
+  traceur::control::FeedbackLearning for_job(traceur::control::FeedbackLearning settings,
+                                             const traceur::control::Controller& controller) const;
   traceur::control::Perturbation perturbation(const traceur::control::Controller& controller) const;
   int windows_of(const Motion& motion) const;
   traceur::control::SamplingParameters sampling(const Motion& motion) const;
