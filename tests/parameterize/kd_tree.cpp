@@ -113,6 +113,25 @@ TEST_CASE("k-d tree: points that coincide, and ties, are told apart by their num
   }
 }
 
+TEST_CASE("k-d tree: points that single precision cannot tell apart are found all the same") {
+  for (const double scale : {1e-30, 1e-9, 1e-3, 1e6}) {
+    CAPTURE(scale);
+    RandomStream random(5);
+    KdTree tree(3);
+    List list{Vector::Ones(3), {}};
+    const Vector corner = Vector::Constant(3, 1e4 * scale);
+    for (int i = 0; i < 400; ++i) {
+      const Vector a = corner + scale * 3e-3 * support::uniform(random, 3, 1).col(0);
+      tree.insert(a);
+      list.points.push_back(a);
+    }
+    for (int i = 0; i < 20; ++i) {
+      const Vector a = corner + scale * 3e-3 * support::uniform(random, 3, 1).col(0);
+      check_same(tree, list, a, scale * 3e-3 * random.uniform(0.05, 0.5), 5);
+    }
+  }
+}
+
 TEST_CASE("k-d tree: a search stops when it is told to, and a radius of nothing finds nothing") {
   RandomStream random(4);
   KdTree tree(3);
@@ -134,5 +153,6 @@ TEST_CASE("k-d tree: what does not fit is refused") {
   KdTree tree(2);
   CHECK(fails_with([&] { tree.insert(Vector::Ones(3)); }, "2 finite numbers"));
   CHECK(fails_with([&] { tree.insert(Vector::Constant(2, std::numeric_limits<double>::quiet_NaN())); }, "finite"));
+  CHECK(fails_with([&] { tree.insert(Vector::Constant(2, -1e18)); }, "below 1e18 units"));
   CHECK(tree.size() == 0);
 }

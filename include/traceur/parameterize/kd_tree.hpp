@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <concepts>
 #include <cstddef>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <string>
@@ -38,7 +40,8 @@ concept NeighborSource = requires(const P& points, const Eigen::VectorXd& a, dou
 /// Points that come and go, indexed by a k-d tree in which every operation is logarithmic. The distance is
 /// (a - b)^T A (a - b) with A = diag(1 / unit^2).
 ///
-/// Leaves hold up to 8 points, coordinate by coordinate, so that a leaf is compared at once. A removal takes the point
+/// Leaves hold up to 32 points. A search screens a leaf at once by single-precision copies that lie coordinate by
+/// coordinate, and takes in double precision only the few points which those cannot rule out. A removal takes the point
 /// out of its leaf: nothing is left behind, however many points come and go (a forest of static trees that marks its
 /// dead would grow). A subtree that gets lopsided is built anew, which costs O(log n) a change on average.
 ///
@@ -65,7 +68,8 @@ public:
   int size() const noexcept { return static_cast<int>(place_.size()); }
   const Eigen::VectorXd& unit() const noexcept { return unit_; }
 
-  /// Adds a point (n), whose number is then size() - 1. Throws Error if its size differs or it is not finite.
+  /// Adds a point (n), whose number is then size() - 1. Throws Error if its size differs, it is not finite or it is 1e18
+  /// units away.
   void insert(const Eigen::Ref<const Eigen::VectorXd>& point) {
     Coordinates x;
     scale(point, x);
@@ -123,20 +127,25 @@ public:
     Query<F> query{*this, {}, {}, radius * radius, f};
     if (!(radius > 0.0)) return;
     scale(a, query.x);
+    query.screen.begin(query.x, dimension());
+    query.screen.set_limit(query.limit);
     query.visit(root_, 0.0);
   }
 
   /// Writes the `out.size()` points nearest to `a` (n), or all there are, and returns how many.
   int nearest(const Eigen::Ref<const Eigen::VectorXd>& a, std::span<Neighbor> out) const {
-    Nearest query{*this, {}, {}, out, 0};
+    Nearest query{*this, {}, {}, out, 0, {}};
     if (out.empty()) return 0;
     scale(a, query.x);
+    query.screen.begin(query.x, dimension());
     query.visit(root_, 0.0);
     return query.found;
   }
 
 private:
-  static constexpr int leaf_size = 8;
+  static constexpr int leaf_size = 32;
+  // So that no sum of squares overflows in single precision.
+  static constexpr double farthest = 1e18;
   // A bound is a sum of rounded parts: without a margin it could hide a point on the very edge of a search.
   static constexpr double rounding = 1.0 - 1e-12;
   using Coordinates = std::array<double, static_cast<std::size_t>(max_dimension)>;
@@ -150,6 +159,29 @@ private:
     int count = 0;
   };
 
+  // What single precision may rule out. A point as near as the square root of the limit has coordinates of at most the
+  // query's and that, so each difference is off by less than 2^-22 of it, and the distance, by the triangle inequality, by
+  // sqrt(n) times as much; the sum of squares adds n roundings.
+  struct Screen {
+    std::array<float, static_cast<std::size_t>(max_dimension)> x;
+    double largest = 0.0, root_dimension = 0.0;
+    float threshold = std::numeric_limits<float>::infinity();
+
+    void begin(const Coordinates& query, Eigen::Index n) {
+      root_dimension = std::sqrt(static_cast<double>(n));
+      for (std::size_t d = 0; d < static_cast<std::size_t>(n); ++d) {
+        x[d] = static_cast<float>(query[d]);
+        largest = std::max(largest, std::abs(query[d]));
+      }
+    }
+    void set_limit(double limit) {
+      const double distance = std::sqrt(limit);
+      const double wide = distance * (1.0 + 1e-5) + root_dimension * (largest + distance) * 0x1p-21;
+      const double square = wide * wide * (1.0 + 1e-6) + static_cast<double>(std::numeric_limits<float>::min());
+      threshold = square < 1e38 ? static_cast<float>(square) : std::numeric_limits<float>::infinity();
+    }
+  };
+
   // The lower bound of the distance to a node is kept by the part of each axis, as in Arya and Mount, "Algorithms for
   // Fast Vector Quantization" (1993).
   template <class F>
@@ -159,16 +191,19 @@ private:
     Coordinates part;
     double limit;
     F& f;
+    Screen screen = {};
 
     bool visit(int number, double bound) {
       if (number == tree.root_) std::fill_n(part.begin(), tree.dimension(), 0.0);
       const Node& node = tree.nodes_[index(number)];
       if (node.axis < 0) {
-        std::array<double, leaf_size> squared;
-        tree.compare(node.left, x, squared);
-        const int* ids = tree.ids_.data() + node.left * leaf_size;
+        std::array<float, leaf_size> rough;
+        if (!tree.may_be_near(node.left, screen, rough)) return true;
+        const int first = node.left * leaf_size;
         for (int i = 0; i < node.count; ++i) {
-          if (squared[index(i)] < limit && !f(ids[i], squared[index(i)])) return false;
+          if (!(rough[index(i)] <= screen.threshold)) continue;
+          const double squared = tree.squared_distance(first + i, x);
+          if (squared < limit && !f(tree.ids_[index(first + i)], squared)) return false;
         }
         return true;
       }
@@ -193,22 +228,18 @@ private:
     Coordinates part;
     std::span<Neighbor> out;
     int found;
+    Screen screen;
 
     void visit(int number, double bound) {
       if (number == tree.root_) std::fill_n(part.begin(), tree.dimension(), 0.0);
       const Node& node = tree.nodes_[index(number)];
       if (node.axis < 0) {
-        std::array<double, leaf_size> squared;
-        tree.compare(node.left, x, squared);
-        const int* ids = tree.ids_.data() + node.left * leaf_size;
-        if (found == static_cast<int>(out.size())) {
-          // Most leaves of a search hold nothing near enough, which one comparison of all tells.
-          const double farthest = out.back().squared_distance;
-          bool some = false;
-          for (const double distance : squared) some |= distance <= farthest;
-          if (!some) return;
-        }
-        for (int i = 0; i < node.count; ++i) offer({ids[i], squared[index(i)]});
+        // Most leaves of a search hold nothing near enough, which one comparison of all tells.
+        std::array<float, leaf_size> rough;
+        if (!tree.may_be_near(node.left, screen, rough)) return;
+        const int first = node.left * leaf_size;
+        for (int i = 0; i < node.count; ++i)
+          if (rough[index(i)] <= screen.threshold) offer({tree.ids_[index(first + i)], tree.squared_distance(first + i, x)});
         return;
       }
       tree.fetch_children(node);
@@ -234,6 +265,7 @@ private:
       std::size_t i = index(full ? found - 1 : found++);
       for (; i > 0 && nearer(candidate, out[i - 1]); --i) out[i] = out[i - 1];
       out[i] = candidate;
+      if (found == static_cast<int>(out.size())) screen.set_limit(out.back().squared_distance);
     }
   };
 
@@ -247,11 +279,13 @@ private:
   Node& at(int i) noexcept { return nodes_[index(i)]; }
   const Node& at(int i) const noexcept { return nodes_[index(i)]; }
 
-  // Block after block, coordinate by coordinate.
   std::size_t coordinate(int place, Eigen::Index d) const noexcept {
+    return index(place) * static_cast<std::size_t>(dimension()) + static_cast<std::size_t>(d);
+  }
+  // Block after block, coordinate by coordinate.
+  std::size_t rough_coordinate(int place, Eigen::Index d) const noexcept {
     const int block = place / leaf_size;
-    return index(block) * static_cast<std::size_t>(dimension() * leaf_size) + static_cast<std::size_t>(d * leaf_size) +
-           index(place % leaf_size);
+    return (index(block) * static_cast<std::size_t>(dimension()) + static_cast<std::size_t>(d)) * leaf_size + index(place % leaf_size);
   }
 
   void scale(const Eigen::Ref<const Eigen::VectorXd>& point, Coordinates& x) const {
@@ -259,18 +293,34 @@ private:
       throw Error("KdTree: expected a point of " + std::to_string(dimension()) + " finite numbers, got " +
                   std::to_string(point.size()));
     }
-    for (Eigen::Index d = 0; d < dimension(); ++d) x[static_cast<std::size_t>(d)] = point(d) * inverse_unit_(d);
+    for (Eigen::Index d = 0; d < dimension(); ++d) {
+      x[static_cast<std::size_t>(d)] = point(d) * inverse_unit_(d);
+      if (!(std::abs(x[static_cast<std::size_t>(d)]) < farthest))
+        throw Error("KdTree: expected coordinates below 1e18 units, got " + std::to_string(point(d)));
+    }
   }
 
-  void compare(int block, const Coordinates& x, std::array<double, leaf_size>& squared) const noexcept {
-    squared.fill(0.0);
-    const double* c = coordinates_.data() + coordinate(block * leaf_size, 0);
+  bool may_be_near(int block, const Screen& screen, std::array<float, leaf_size>& rough) const noexcept {
+    rough.fill(0.0F);
+    const float* c = rough_.data() + rough_coordinate(block * leaf_size, 0);
     for (std::size_t d = 0; d < static_cast<std::size_t>(dimension()); ++d, c += leaf_size) {
       for (std::size_t i = 0; i < leaf_size; ++i) {
-        const double difference = c[i] - x[d];
-        squared[i] += difference * difference;
+        const float difference = c[i] - screen.x[d];
+        rough[i] += difference * difference;
       }
     }
+    bool some = false;
+    for (const float squared : rough) some |= squared <= screen.threshold;
+    return some;
+  }
+  double squared_distance(int place, const Coordinates& x) const noexcept {
+    const double* c = coordinates_.data() + coordinate(place, 0);
+    double squared = 0.0;
+    for (std::size_t d = 0; d < static_cast<std::size_t>(dimension()); ++d) {
+      const double difference = c[d] - x[d];
+      squared += difference * difference;
+    }
+    return squared;
   }
 
   int make_node(int parent) {
@@ -298,6 +348,7 @@ private:
       owner_.push_back(node);
       ids_.resize(ids_.size() + leaf_size);
       coordinates_.resize(coordinates_.size() + static_cast<std::size_t>(dimension() * leaf_size));
+      rough_.resize(coordinates_.size());
     } else {
       block = free_blocks_.back();
       free_blocks_.pop_back();
@@ -310,13 +361,19 @@ private:
 
   void put(int leaf, int slot, const Coordinates& x, int id) {
     const int place = at(leaf).left * leaf_size + slot;
-    for (Eigen::Index d = 0; d < dimension(); ++d) coordinates_[coordinate(place, d)] = x[static_cast<std::size_t>(d)];
+    for (Eigen::Index d = 0; d < dimension(); ++d) {
+      coordinates_[coordinate(place, d)] = x[static_cast<std::size_t>(d)];
+      rough_[rough_coordinate(place, d)] = static_cast<float>(x[static_cast<std::size_t>(d)]);
+    }
     ids_[index(place)] = id;
     place_[index(id)] = place;
   }
 
   void move(int from, int to) {
-    for (Eigen::Index d = 0; d < dimension(); ++d) coordinates_[coordinate(to, d)] = coordinates_[coordinate(from, d)];
+    for (Eigen::Index d = 0; d < dimension(); ++d) {
+      coordinates_[coordinate(to, d)] = coordinates_[coordinate(from, d)];
+      rough_[rough_coordinate(to, d)] = rough_[rough_coordinate(from, d)];
+    }
     ids_[index(to)] = ids_[index(from)];
     place_[index(ids_[index(to)])] = to;
   }
@@ -343,6 +400,7 @@ private:
     owner_.clear();
     ids_.clear();
     coordinates_.clear();
+    rough_.clear();
     free_nodes_.clear();
     free_blocks_.clear();
     order_.resize(gathered_ids_.size());
@@ -425,6 +483,7 @@ private:
   std::vector<int> owner_;           // the leaf of each block
   std::vector<int> ids_;             // the point at each place
   std::vector<double> coordinates_;  // in units
+  std::vector<float> rough_;         // the same
   std::vector<int> place_;           // of each point
   std::vector<int> free_nodes_, free_blocks_;
   int root_ = -1;
