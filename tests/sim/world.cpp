@@ -18,6 +18,7 @@ namespace {
 
 using scene::Character;
 using scene::JointType;
+using scene::Quaternion;
 using scene::Vector;
 using traceur::core::RandomStream;
 using traceur::sim::Ground;
@@ -214,6 +215,71 @@ TEST_CASE("a box slides beyond the friction angle as Coulomb says") {
     MESSAGE("friction " << friction << ": slides at " << found << " m/s^2, Coulomb " << expected);
     CHECK(found == doctest::Approx(expected).epsilon(0.03));
   }
+}
+
+TEST_CASE("the edge that a box tips over, and the toes that a heel rises over, stay where they are") {
+  Parameters p;
+  p.dt = 1.0 / 240;
+  p.friction = 2;
+  const Vector half{0.1, 0.15, 0.3};
+  World<double> block(scene::box(half, 20), 1, p);
+  const auto turned = [](double angle) { return about_axis(Vector{0, 1, 0}, angle); };
+  const double angle = 0.3;
+  Eigen::VectorXd q = Eigen::VectorXd::Zero(7), v = Eigen::VectorXd::Zero(6);
+  const Vector center = turned(angle).rotate({-half.x, 0, half.z});
+  (center - Vector{0, 0, 5e-4}).store(q.data());
+  turned(angle).store(q.data() + 3);
+  v[4] = 2;
+  cross(Vector{0, v[4], 0}, center).store(v.data());
+  block.reset(0, q, v);
+  double edge = 0;
+  for (int n = 0; n < 60; ++n) {
+    block.step(1);
+    const Eigen::VectorXd now = block.pose(0);
+    const Vector corner = Vector::from(now.data()) + Quaternion::from(now.data() + 3).rotate({half.x, 0, -half.z});
+    edge = std::max(edge, std::abs(corner.x));
+  }
+  const double turn = block.velocity(0)[4];
+  MESSAGE("turning at " << turn << " rad/s, the edge has moved " << edge * 1e3 << " mm in 0.25 s");
+  CHECK(turn > 3);
+  CHECK(edge < 1e-4);
+
+  // Of a step's way, half dt w^2 r sideways is what velocities at the end of steps leave out.
+  World<double> man(scene::humanoid(), 1, p);
+  Eigen::VectorXd target = scene::standing_pose();
+  const auto& skeleton = scene::humanoid().skeleton;
+  man.reset(0, target, scene::at_rest());
+  man.step(240);
+  for (const char* ankle : {"right_ankle", "left_ankle"}) {
+    double* at = target.data() + skeleton[skeleton.find(ankle)].q_index;
+    (Quaternion::from(at) * turned(0.7)).store(at);
+  }
+  man.set_target(0, target);
+  const auto& model = man.model();
+  const int foot = skeleton.find("right_ankle");
+  const auto& moving = model.bodies[static_cast<std::size_t>(model.moving_of_joint[static_cast<std::size_t>(foot)])];
+  const auto toes = [&] {
+    traceur::body::Frames<double> frames(skeleton);
+    const Eigen::VectorXd now = man.pose(0);
+    forward_kinematics(skeleton, now.data(), frames);
+    Vector lowest{0, 0, 1};
+    for (int c = 0; c < moving.contacts; ++c) {
+      const Vector at = frames.point(foot, model.contacts[static_cast<std::size_t>(moving.first_contact + c)].center);
+      if (at.x > frames.position[static_cast<std::size_t>(foot)].x && at.z < lowest.z) lowest = at;
+    }
+    return lowest;
+  };
+  const Vector before = toes();
+  double raised = 0, slid = 0;
+  for (int n = 0; n < 36; ++n) {
+    man.step(1);
+    raised = std::max(raised, std::abs(man.velocity(0)[skeleton[foot].v_index + 1]));
+    const Vector way = toes() - before;
+    if (way.z < 5e-4) slid = std::max(slid, std::hypot(way.x, way.y));
+  }
+  MESSAGE("heels rising at " << raised << " rad/s, toes have slid " << slid * 1e3 << " mm in 0.15 s");
+  CHECK(raised > 3);
+  CHECK(slid < 1e-4);
 }
 
 TEST_CASE("a terrain of one height is level ground, and a step carries") {

@@ -29,6 +29,7 @@ struct BodyWork {
   core::Matrix3<S> h;
   core::Vector3<S> n, f;  ///< bias moment and force
   core::Vector3<S> bias_angular, bias_linear;
+  core::Vector3<S> turning_angular, turning_linear;  ///< acceleration at constant joint and root velocities
   core::Symmetric3<S> d_inverse;
   core::Vector3<S> u_j, u_f;  ///< hinge: columns J a and H^T a
   S d_hinge;
@@ -155,15 +156,13 @@ template <class S>
     k.n.y -= gravity * k.first_moment.x;
     k.f = cross(k.spin, cross(k.spin, k.first_moment));
     k.f.z += gravity * mass;
-    if (b.type != body::JointType::free) {
-      if (b.parent >= 0) {
-        const BodyWork<S>& parent = w.bodies[static_cast<std::size_t>(b.parent)];
-        k.bias_angular = cross(parent.spin, k.spin - parent.spin);
-        k.bias_linear = cross(parent.spin, cross(parent.spin, k.arm));
-      } else {
-        k.bias_angular = Vector3<S>::zero();
-        k.bias_linear = Vector3<S>::zero();
-      }
+    k.bias_angular = k.bias_linear = k.turning_angular = k.turning_linear = Vector3<S>::zero();
+    if (b.parent >= 0) {
+      const BodyWork<S>& parent = w.bodies[static_cast<std::size_t>(b.parent)];
+      k.bias_angular = cross(parent.spin, k.spin - parent.spin);
+      k.bias_linear = cross(parent.spin, cross(parent.spin, k.arm));
+      k.turning_angular = parent.turning_angular + k.bias_angular;
+      k.turning_linear = parent.turning_linear + cross(parent.turning_angular, k.arm) + k.bias_linear;
     }
   }
 }

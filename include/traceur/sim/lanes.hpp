@@ -268,6 +268,7 @@ class Lanes {
     bool active = false;
     S depth;
     Vector3 normal, arm, velocity, centripetal;
+    Vector3 aside;  ///< how far a step at constant joint and root velocities takes it beside dt times its last velocity, m
     LinearContact<S> linear;
     // Of contacts with obstacles: which box, and what was remembered of it. Of contacts with objects: the arm on the object.
     S id;
@@ -394,7 +395,7 @@ class Lanes {
           w.active = true;
           w.normal = sample.normal;
           put_contact(w, k, center - sphere.radius * sample.normal);
-          w.memory = {Vector3::from(m), m[3], m[4]};
+          w.memory = recall(Vector3::from(m), w.aside, w.normal, m[3], m[4]);
           w.linear = linearize_contact(*parameters_, friction_, w.depth, w.normal, w.velocity, w.memory);
           add_contact(w, k);
         }
@@ -405,10 +406,16 @@ class Lanes {
   }
 
   /// Puts a contact at `arm` on a body (m, from its joint, world) and takes down how that place moves.
-  [[gnu::always_inline]] static void put_contact(ContactWork& w, const BodyWork<S>& k, const Vector3& arm) {
+  [[gnu::always_inline]] void put_contact(ContactWork& w, const BodyWork<S>& k, const Vector3& arm) {
     w.arm = arm;
     w.velocity = k.linear + cross(k.angular, arm);
     w.centripetal = cross(k.angular, cross(k.angular, arm));
+    w.aside = constant(-0.5 * parameters_->dt * parameters_->dt) * (k.turning_linear + cross(k.turning_angular, arm) + w.centripetal);
+  }
+  /// What a contact remembers, its bristle as it will be found once the step is taken at the velocities that come out of it.
+  [[gnu::always_inline]] static ContactMemory<S> recall(const Vector3& bristle, const Vector3& aside, const Vector3& normal,
+                                                        const S& force, const S& speed) {
+    return {bristle + aside - dot(normal, aside) * normal, force, speed};
   }
 
   /// f = f0 - K (u + dt (a + alpha x arm + centripetal)) seen as inertia and bias of the body.
@@ -912,7 +919,8 @@ class Lanes {
           const S mine = w[e].id + constant(1);
           return select(mine == m[5], m[n], select(mine == m[touch_numbers + 5], m[touch_numbers + n], constant(0)));
         };
-        w[e].memory = {Vector3{remembered(0), remembered(1), remembered(2)}, remembered(3), remembered(4)};
+        w[e].memory = recall({remembered(0), remembered(1), remembered(2)}, w[e].aside, w[e].normal,
+                              remembered(3), remembered(4));
         w[e].linear = linearize_contact(*parameters_, friction_, w[e].depth, w[e].normal, w[e].velocity, w[e].memory);
         add_contact(w[e], k);
       }
@@ -974,6 +982,7 @@ class Lanes {
       k.h = core::Matrix3<S>::zero();
       k.n = cross(k.angular, k.inertia * k.angular);
       k.f = Vector3{zero, zero, gravity_ * w.mass};
+      k.turning_angular = k.turning_linear = Vector3::zero();
       w.force = w.moment = Vector3::zero();
       w.touching = zero;
       const bool low = core::any(k.position.z < highest_ + w.reach);
@@ -1006,7 +1015,7 @@ class Lanes {
               u.normal = t.normal;
               put_contact(u, body, body.rotation * numbers.center + t.arm - numbers.radius * t.normal);
               u.other_arm = body.position + u.arm - k.position;
-              u.memory = {Vector3::from(m), m[3], m[4]};
+              u.memory = recall(Vector3::from(m), u.aside - other_aside(k, u), u.normal, m[3], m[4]);
               u.linear = linearize_contact(p, friction_, u.depth, u.normal, u.velocity - other_velocity(k, u), u.memory);
               w.touching += select(u.depth > zero, constant(1), zero);
               live_.push_back(o.first_contact + index);
@@ -1025,6 +1034,10 @@ class Lanes {
   Vector3 other_free_velocity(const BodyWork<S>& o, const ContactWork& u) const {
     return other_velocity(o, u) + constant(parameters_->dt) * (o.acceleration + cross(o.alpha, u.other_arm) +
                                                                cross(o.angular, cross(o.angular, u.other_arm)));
+  }
+
+  Vector3 other_aside(const BodyWork<S>& o, const ContactWork& u) const {
+    return constant(-0.5 * parameters_->dt * parameters_->dt) * cross(o.angular, cross(o.angular, u.other_arm));
   }
 
   [[gnu::noinline]] void pull_grips() noexcept {
