@@ -23,10 +23,13 @@ namespace {
 /// What the job in the folder was begun with, in place of what this command line leaves open.
 void take_over(Options& o, const Json& begun, const CLI::App& app) {
   const Json given = job_arguments(o);
-  const std::map<std::string, std::string> option_names{{"clip", "CLIP"},     {"joint_map", "--joint-map"},
-                                                        {"dt_hz", "--dt-hz"}, {"open_loop", "--open-loop"},
+  const std::map<std::string, std::string> option_names{{"clip", "CLIP"},
+                                                        {"joint_map", "--joint-map"},
+                                                        {"dt_hz", "--dt-hz"},
+                                                        {"open_loop", "--open-loop"},
                                                         {"fine_tune_s", "--fine-tune"},
-                                                        {"up_axis", "--up"},  {"unit_m", "--unit"}};
+                                                        {"up_axis", "--up"},
+                                                        {"unit_m", "--unit"}};
   for (const auto& [key, value] : given.items()) {
     const auto named = option_names.find(key);
     const std::string option = named != option_names.end() ? named->second : "--" + key;
@@ -109,16 +112,21 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--joint-map", o.joint_map, "JSON object: the character's joint or landmark -> the clip's joint");
   app.add_option("--unit", o.unit, "metres in one length unit of a BVH or AMC clip")->check(CLI::PositiveNumber);
   app.add_option("--up", o.up, "up axis of a BVH or AMC clip")->check(CLI::IsMember({"detect", "x", "y", "z"}));
-  app.add_option("--fps", o.fps, "frames a second, where the clip's file does not say or is wrong")->check(CLI::PositiveNumber);
+  app.add_option("--fps", o.fps, "frames a second, where the clip's file does not say or is wrong")
+      ->check(CLI::PositiveNumber);
   app.add_option("--controller", o.controller, "test and replay this controller instead of learning one");
   app.add_option("--simulator", o.simulator,
                  "what tests, pushes and the replay run on: bundled (default), mujoco, dart, ode or bullet;\n"
                  "search and learning are always on the bundled one");
-  app.add_option("--fine-tune", o.fine_tune_s, "seconds to go on learning on that simulator before the test (default 0)")
+  app.add_option("--fine-tune", o.fine_tune_s,
+                 "seconds to go on learning on that simulator before the test (default 0)")
       ->check(CLI::Range(0.0, 1e6));
-  app.add_flag("--robust,!--no-robust", o.robust,
-               "go on learning where ground, friction and time step differ and pushes come, so that the law holds\n"
-               "elsewhere; by default a gait's law does, but for --quick");
+  // Into an optional, a flag that was not given would come as false.
+  bool robust = false;
+  const CLI::Option* const robust_flag =
+      app.add_flag("--robust,!--no-robust", robust,
+                   "go on learning where ground, friction and time step differ and pushes come, so that the law holds\n"
+                   "elsewhere; by default a gait's law does, but for --quick");
   app.add_option("--motion", o.motion, "auto (default), cyclic (a gait without end) or once")
       ->check(CLI::IsMember({"auto", "cyclic", "once"}));
   app.add_option("--feedback", o.feedback,
@@ -128,6 +136,7 @@ std::optional<Options> read_options(int argc, char** argv) {
       ->check(CLI::Range(120, 60000));
   app.get_option("CLIP")->type_name("FILE");
   if (!example::parse(app, argc, argv)) return std::nullopt;
+  if (robust_flag->count() > 0) o.robust = robust;
   o.resume = !resume.empty();
   for (fs::path* p :
        {&o.clip, &o.character, &o.terrain, &o.skeleton, &o.joint_map, &o.controller, &o.out, &o.report, &resume})

@@ -148,6 +148,7 @@ TEST_CASE(
   CHECK(text_of(four / "motion.jsonl") == text_of(one / "motion.jsonl"));
   CHECK(!fs::exists(four / "controller.json"));
   CHECK(report_of(four)["simulator"] == "bundled");
+  CHECK(report_of(one)["arguments"]["robust"].is_null());
   CHECK(!report_of(four).contains("fine_tuning"));
 
   for (const EngineName& engine : engines) {
