@@ -75,6 +75,7 @@ struct Effort {
     p.validation_episodes = 96;
     p.worlds = 4;
     p.push = 8;
+    p.slide = 10;
     return p;
   }
 

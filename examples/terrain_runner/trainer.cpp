@@ -25,6 +25,8 @@ constexpr double degree = std::numbers::pi / 180;
 constexpr std::uint64_t test_stream = 77, state_stream = 78;
 // Courses of training are none that anyone asks for.
 constexpr std::uint64_t course_stream = std::uint64_t{1} << 32;
+// Within them, those that choose.
+constexpr std::uint64_t choice_stream = std::uint64_t{1} << 31;
 
 std::vector<double> spaced(double first, double last, int count) {
   std::vector<double> out;
@@ -121,7 +123,7 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     e.jump_trials = 16;
     e.rounds = 1;
     e.round_generations = e.recovery_generations = 10;
-    e.arrival_courses = 16;
+    e.arrival_courses = e.choice_courses = 16;
     e.first_clearing.place = e.first_clearing.velocity = 0.05;
     e.first_clearing.steps_after = 2;
     e.clearing = e.first_clearing;
@@ -266,32 +268,40 @@ std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen
   return control::running_states(trials, model_, body.wide, {0, speed}, x, e, 32);
 }
 
-std::vector<control::RunningState> Trainer::arrivals(const RunningModel& running, const Body& body, const LeapModel& jump,
-                                                     const plan::StepLength<double>& length, std::uint64_t first) {
+Trainer::OnCourses Trainer::run_courses(const RunningModel& running, const Body& body, const LeapModel& jump,
+                                        const plan::StepLength<double>& length, int obstacles, int count, std::uint64_t first) {
   constexpr int width = core::lane_count<Lane>;
   CourseShape shape;
-  shape.obstacles = 4;
+  shape.obstacles = obstacles;
   shape.lowest = effort_.round_heights.front();
   shape.highest = effort_.round_heights.back();
   CourseSettings settings;
   settings.seed = effort_.clearing.seed;
   const CourseRunner runner(body, running, jump, length, settings);
-  const int groups = effort_.arrival_courses / width;
-  std::vector<std::vector<control::RunningState>> found(static_cast<std::size_t>(groups));
-  executor_.run(groups, [&](int g, int) {
+  std::vector<OnCourses> groups(static_cast<std::size_t>(count / width));
+  executor_.run(count / width, [&](int g, int) {
     if (interruption_asked()) return;
-    const std::uint64_t number = first + static_cast<std::uint64_t>(g * width);
+    OnCourses& mine = groups[static_cast<std::size_t>(g)];
+    const std::uint64_t number = course_stream + first + static_cast<std::uint64_t>(g * width);
     std::vector<Course> courses;
-    for (int i = 0; i < width; ++i) courses.push_back(random_course(shape, settings.seed, course_stream + number + static_cast<std::uint64_t>(i)));
-    CourseRunner mine = runner;
-    mine.run(courses, course_stream + number, nullptr, &found[static_cast<std::size_t>(g)]);
+    for (int i = 0; i < width; ++i) courses.push_back(random_course(shape, settings.seed, number + static_cast<std::uint64_t>(i)));
+    CourseRunner own = runner;
+    for (const CourseOutcome& o : own.run(courses, number, nullptr, &mine.arrivals)) mine.cleared += o.cleared;
   });
-  std::vector<control::RunningState> out;
-  for (auto& f : found)
-    for (control::RunningState& state : f) out.push_back(std::move(state));
   if (interruption_asked()) throw Interrupted{};
-  if (out.empty()) throw Error("jump: no runner gets to a step");
+  OnCourses out;
+  for (OnCourses& g : groups) {
+    out.cleared += g.cleared;
+    for (control::RunningState& state : g.arrivals) out.arrivals.push_back(std::move(state));
+  }
   return out;
+}
+
+std::vector<control::RunningState> Trainer::arrivals(const RunningModel& running, const Body& body, const LeapModel& jump,
+                                                     const plan::StepLength<double>& length, std::uint64_t first) {
+  OnCourses found = run_courses(running, body, jump, length, 4, effort_.arrival_courses, first);
+  if (found.arrivals.empty()) throw Error("jump: no runner gets to a step");
+  return std::move(found.arrivals);
 }
 
 /// Trials of leaps onto steps of several heights, many at a time.
@@ -480,6 +490,18 @@ Continuation Trainer::learn_jump(const RunningModel& running, const Body& body, 
     x = first.control;
   }
   if (!from || known) {
+    // Trials end ten steps after a leap, courses do not, and what is better in one may be worse in the other: of what the
+    // rounds lead to, with transOut's own numbers and without, that is kept which clears most steps of courses.
+    Eigen::VectorXd best;
+    int most = -1;
+    const auto on_courses = [&](const Eigen::VectorXd& candidate) {
+      const OnCourses r = run_courses(running, body, [&](double) { return candidate; }, length, 10, effort_.choice_courses, choice_stream);
+      if (r.cleared > most) {
+        most = r.cleared;
+        best = candidate;
+      }
+      return r;
+    };
     for (int round = 0; round < effort_.rounds; ++round) {
       const auto found = arrivals(running, body, [&](double) { return x; }, length, static_cast<std::uint64_t>(round * effort_.arrival_courses));
       LeapTrials trials(*this, running, body, effort_.round_heights, found, effort_.clearing);
@@ -491,8 +513,14 @@ Continuation Trainer::learn_jump(const RunningModel& running, const Body& body, 
         progress_("jump", text("round %d, %s, from %d states: cost %.3g, %.0f %% of trials", round + 1, what, static_cast<int>(found.size()), r.cost, 100 * r.share));
       };
       improve("leap", range(0, n.recovery()), effort_.round_generations);
+      Eigen::VectorXd plain = x;
+      plain.segment(n.recovery(), n.recoveries()).setZero();
+      const OnCourses without = on_courses(plain);
       improve("transOut", range(n.recovery(), n.recoveries()), effort_.recovery_generations);
+      const OnCourses with = on_courses(x);
+      progress_("jump", text("round %d: on %d courses of ten %d steps cleared, %d without transOut's own numbers", round + 1, effort_.choice_courses, with.cleared, without.cleared));
     }
+    x = best;
     parameterize::ContinuationParameters grid;
     grid.axes = {to_vector(effort_.heights)};
     grid.max_attempts = 1;

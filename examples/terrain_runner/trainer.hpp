@@ -31,8 +31,9 @@ struct Effort {
   double jump_good_cost = 0.8;           ///< with which a search ends early if all its trials clear the step
   double jump_sigma = 0.4;               ///< first standard deviation, in units of the search's scales
   double first_jump_share = 0.5, jump_share = 0.85;  ///< of trials that must clear the step and run on: at first, and in the end
-  int rounds = 2;                        ///< of states from courses, leap and transOut
+  int rounds = 3;                        ///< of states from courses, leap and transOut
   int round_generations = 150, recovery_generations = 60, round_starts = 8, arrival_courses = 64;
+  int choice_courses = 64;               ///< of ten steps, that choose among what the rounds lead to
   std::vector<double> round_heights{0.1, 0.15, 0.2, 0.25};  ///< m; 1, 2, 4 or 8 of them
   int max_attempts = 2;
 
@@ -86,6 +87,13 @@ public:
                                               const traceur::plan::StepLength<double>& length, std::uint64_t first);
 
 private:
+  /// How runners fared on courses, and the states in which their leaps began.
+  struct OnCourses {
+    int cleared = 0;
+    std::vector<control::RunningState> arrivals;
+  };
+  OnCourses run_courses(const RunningModel& running, const Body& body, const LeapModel& jump, const traceur::plan::StepLength<double>& length,
+                        int obstacles, int count, std::uint64_t first);
   struct LeapSearch;
   class LeapTrials;
   /// The same with the share of trials that did what was asked for.

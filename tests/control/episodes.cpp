@@ -116,6 +116,29 @@ TEST_CASE("standing to the end and beyond is reached and held") {
   CHECK_FALSE(elsewhere.held);
 }
 
+TEST_CASE("soles slide as fast as the body glides on ice, and not where they hold") {
+  Trial trial(standing_clip(20));
+  trial.c.start_velocity[0] = 0.3;
+  trial.c.start_velocity[1] = 0.4;
+  trial.e.hold = 0;
+  CHECK(trial.one().slide_m_s == 0);  // not asked for
+  trial.e.measure_slide = true;
+  trial.simulation.friction = 0;
+  Runner runner = trial.runner();
+  double speed = 0;
+  const EpisodeResult gliding = trial.run(runner, 1, [](int) { return Push{}; }, [&](int, const sim::Lanes<S>& lanes) {
+    for (const auto& leg : trial.f.roles.legs) {
+      const auto& v = lanes.work().bodies[static_cast<std::size_t>(leg.foot)].linear;
+      speed += std::hypot(core::lane_of(v.x, 0), core::lane_of(v.y, 0)) / 40;
+    }
+  })[0];
+  CHECK(speed > 0.4);
+  CHECK(gliding.slide_m_s == doctest::Approx(speed).epsilon(0.03));
+  trial.simulation.friction = 1;
+  trial.c.start_velocity.setZero();
+  CHECK(trial.one().slide_m_s < 0.005);
+}
+
 TEST_CASE("a push changes the momentum by its impulse") {
   Trial trial(aloft(30));
   trial.simulation.gravity = 0;

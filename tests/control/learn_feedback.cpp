@@ -99,6 +99,8 @@ TEST_CASE("the cost of an episode") {
   r.reached_end = false;
   CHECK(control::episode_cost(r, 2, false) == doctest::Approx(3.3));
   CHECK(control::episode_cost(r, 2, true) == doctest::Approx(0.3));
+  r.slide_m_s = 0.05;
+  CHECK(control::episode_cost(r, 2, true, 10) == doctest::Approx(0.8));
   r.deviation = std::nan("");
   CHECK(control::episode_cost(r, 2, true) == 100);
   CHECK(control::episode_cost({}, 2, true) == 20);
@@ -258,4 +260,5 @@ TEST_CASE("settings that cannot be learned with are refused") {
   CHECK(contains(refusal([](Task& t) { t.settings.worlds = 0; }), "worlds"));
   CHECK(contains(refusal([](Task& t) { t.settings.changes.harder = 0.5; }), "ratios"));
   CHECK(contains(refusal([](Task& t) { t.settings.push = -1; }), "push"));
+  CHECK(contains(refusal([](Task& t) { t.settings.slide = -1; }), "slide"));
 }

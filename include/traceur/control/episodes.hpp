@@ -50,6 +50,7 @@ struct EpisodeResult {
   bool held = false;            ///< one-shot: still so after the hold
   double deviation = 0;         ///< mean distance from the sensory reference, mixed units; what learning minimises
   double local_error_m = 0;     ///< mean over tracked points and ticks, root position taken off
+  double slide_m_s = 0;         ///< of the soles, at the end of each tick, weighted by what their points carry; bundled dynamics only
   double mean_speed = 0;        ///< horizontal travel along the reference's heading over time, m/s
   bool non_finite = false;
 };
@@ -64,6 +65,7 @@ struct EpisodeSettings {
   std::uint64_t seed = 1;     ///< of the starts
   std::uint64_t stream = 0;
   bool measure_joints = false;  ///< whether to fill local_error_m
+  bool measure_slide = false;   ///< whether to fill slide_m_s
 };
 
 /// Runs controllers on whole packs of lanes. One per worker.
@@ -127,6 +129,7 @@ class EpisodeRunner {
     std::array<bool, static_cast<std::size_t>(width)> alive{};
     for (int l = 0; l < used; ++l) alive[static_cast<std::size_t>(l)] = true;
     int living = used;
+    carried_.fill(0);
     std::array<S, full_sensors> raw;
     std::array<S, full_actions> da;
     CycleCarry carry;
@@ -176,6 +179,7 @@ class EpisodeRunner {
       const int lived = std::max(1, static_cast<int>(std::lround(r.seconds / c.tick)));
       r.deviation /= lived;
       r.local_error_m /= lived;
+      if (carried_[static_cast<std::size_t>(l)] > 0) r.slide_m_s /= carried_[static_cast<std::size_t>(l)];
       r.held = r.survived && r.reached_end && at_end(c, l);
       const auto& w = lanes_.work();
       const double dx = core::lane_of(w.center_of_mass.x, l) - from.x, dy = core::lane_of(w.center_of_mass.y, l) - from.y;
@@ -236,6 +240,8 @@ class EpisodeRunner {
              std::array<EpisodeResult, static_cast<std::size_t>(width)>& results) {
     S local(T(0));
     if (e.measure_joints) local = local_error(c, reference_tick, carry);
+    S slide(T(0)), load(T(0));
+    if (e.measure_slide && !engine_) measure_slide(slide, load);
     const double floor = c.reference.poses(2, reference_tick) - e.fall.drop;
     for (int l = 0; l < used; ++l) {
       const auto k = static_cast<std::size_t>(l);
@@ -250,6 +256,8 @@ class EpisodeRunner {
       r.seconds = (tick + 1) * c.tick;
       r.deviation += core::lane_of(deviation, l);
       if (e.measure_joints) r.local_error_m += core::lane_of(local, l);
+      r.slide_m_s += core::lane_of(slide, l);
+      carried_[k] += core::lane_of(load, l);
     }
   }
 
@@ -267,6 +275,18 @@ class EpisodeRunner {
     return S(static_cast<T>(1.0 / static_cast<double>(points.size()))) * sum;
   }
 
+  /// Sums over the points of the feet: normal force times tangential speed, and normal force.
+  void measure_slide(S& slide, S& load) const {
+    for (const auto& leg : cost_->roles().legs) {
+      const sim::MovingBody& foot = model_->bodies[static_cast<std::size_t>(leg.foot)];
+      for (int i = 0; i < foot.contacts; ++i) {
+        const sim::ContactMemory<S> m = lanes_.contact_memory(static_cast<std::size_t>(foot.first_contact + i));
+        slide += m.normal_force * m.sliding_speed;
+        load += m.normal_force;
+      }
+    }
+  }
+
   const sim::Model* model_;
   const TrackingCost* cost_;
   sim::Parameters own_;
@@ -275,6 +295,7 @@ class EpisodeRunner {
   sim::Lanes<S> lanes_;
   std::shared_ptr<Engine<S>> engine_;
   std::vector<S> law_;
+  std::array<double, static_cast<std::size_t>(width)> carried_{};  ///< by soles, summed over ticks, N
 };
 
 /// Runs `count` episodes of one law from numbered starts, spread over an executor.

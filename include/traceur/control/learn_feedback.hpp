@@ -43,6 +43,7 @@ struct FeedbackLearning {
   /// generation and the same for all candidates. Validation has as many, fixed. 1: its own alone.
   int worlds = 1;
   WorldRange changes;
+  double slide = 0; ///< cost of soles that slide at 1 m/s, while they carry
   double push = 0;  ///< most N s of a push of a tenth of a second in each episode, at any moment and to any side
   std::uint64_t seed = 1;
 };
@@ -85,12 +86,13 @@ struct FeedbackProgress {
 };
 
 /// Cost of one episode: ten times the share of time lost, plus the mean distance from the sensory reference; a one-shot
-/// motion also pays for not reaching its end pose and for not holding it.
-inline double episode_cost(const EpisodeResult& r, double whole_seconds, bool cyclic) {
+/// motion also pays for not reaching its end pose and for not holding it, and soles for `slide` times their sliding.
+inline double episode_cost(const EpisodeResult& r, double whole_seconds, bool cyclic, double slide = 0) {
   const double lost = std::max(0.0, 1.0 - r.seconds / whole_seconds);
   double cost = 10 * lost + (r.seconds > 0 ? r.deviation : 10.0);
   if (!cyclic && !r.reached_end) cost += 2;
   if (!cyclic && !r.held) cost += 1;
+  cost += slide * r.slide_m_s;
   return std::isfinite(cost) ? cost : 100.0;
 }
 
@@ -111,6 +113,7 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
                 "positive (population at least 4)");
   if (!(p.changes.harder >= 1 && p.changes.softer >= 1 && p.changes.friction >= 1 && p.changes.finer >= 1))
     throw Error("feedback learning: the ratios of a world's changes must be 1 or more");
+  if (!(p.slide >= 0) || !std::isfinite(p.slide)) throw Error("feedback learning: slide: expected zero or more");
   if (!(p.push >= 0) || !std::isfinite(p.push)) throw Error("feedback learning: push: expected zero or more N s");
   optimize::CmaEsParameters cp;
   cp.population = p.population;
@@ -142,6 +145,7 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
     v.perturbation = 1;
     v.starts = p.starts_moved;
     v.seed = p.seed;
+    v.measure_slide = p.slide > 0;
     const int each = (p.validation_episodes + p.worlds - 1) / p.worlds;
     double sum = 0;
     for (int w = 0; w < p.worlds; ++w) {
@@ -149,7 +153,7 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
       enter(draw_world(p.changes, 1, p.seed, worlds_of_validation, w));
       const auto push = [&](int k) { return draw_push(p.push, whole_of(v), controller.tick, p.seed, pushes + v.stream, k); };
       for (const EpisodeResult& r : run_episodes(runners, trial, v, each, executor, push)) {
-        sum += episode_cost(r, whole_of(v), controller.cyclic);
+        sum += episode_cost(r, whole_of(v), controller.cyclic, p.slide);
         state.simulated_seconds += r.seconds;
       }
     }
@@ -166,6 +170,7 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
     e.perturbation = state.perturbation;
     e.starts = p.starts_moved;
     e.seed = p.seed;
+    e.measure_slide = p.slide > 0;
     e.stream = 1000 + static_cast<std::uint64_t>(state.generation);
     const double whole = whole_of(e);
     // Without perturbation all starts are the same one.
@@ -193,7 +198,7 @@ FeedbackProgress learn_feedback(std::vector<EpisodeRunner<S>>& runners, const Co
       for (int k = 0; k <= p.population; ++k)
         for (int s = 0; s < starts; ++s) {
           const EpisodeResult& r = results[static_cast<std::size_t>(k * starts + s)];
-          sums[k] += episode_cost(r, whole, controller.cyclic);
+          sums[k] += episode_cost(r, whole, controller.cyclic, p.slide);
           if (k == p.population && (controller.cyclic ? r.survived : r.reached_end && r.held)) ++successes;
         }
     }
