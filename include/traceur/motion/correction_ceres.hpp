@@ -44,10 +44,10 @@ struct RoundedKink {
       curvature = 0.15 * weight / (e - r);
       return;
     }
-    const double s = std::sqrt(r * r + e * e);
-    value = weight * (r * r / (s + e));
-    slope = weight * r / s;
-    curvature = weight / s;
+    const RoundedValue rounded(weight, r, e);
+    value = rounded.value;
+    slope = rounded.slope;
+    curvature = slope / r;
   }
 };
 

@@ -206,6 +206,29 @@ struct CorrectionWeights {
   RegularizationWeights change;
 };
 
+/// Over how much the kinks of the losses are rounded, so that a descent finds a slope that tells how near they are.
+/// With zeros nothing is.
+struct KinkRounding {
+  double distance = 0;     ///< m; of penetration and contact
+  double jerk = 0;         ///< m/s^3
+  double jerk_margin = 0;  ///< m/s^3; rounding begins this far below the limit, so that it ends with no excess
+};
+
+namespace detail {
+
+/// w r for r >= 0, its kink at 0 rounded to w (sqrt(r^2 + e^2) - e).
+struct RoundedValue {
+  double value, slope;
+  RoundedValue(double weight, double r, double e) noexcept : value(weight * r), slope(weight) {
+    if (!(e > 0)) return;
+    const double s = std::sqrt(r * r + e * e);
+    value = weight * (r * r / (s + e));
+    slope = weight * (r / s);
+  }
+};
+
+}  // namespace detail
+
 /// The four losses of a motion, summed over its frames and not yet weighted, and their weighted sum.
 struct CorrectionLosses {
   double regularization = 0;  ///< m^2 + rad^2
@@ -213,6 +236,7 @@ struct CorrectionLosses {
   double contact = 0;         ///< m
   double jerk = 0;            ///< m/s^3
   double total = 0;
+  double rounded = 0;  ///< the weighted sum with kinks rounded
 
   CorrectionLosses& operator+=(const CorrectionLosses& o) {
     regularization += o.regularization;
@@ -220,6 +244,7 @@ struct CorrectionLosses {
     contact += o.contact;
     jerk += o.jerk;
     total += o.total;
+    rounded += o.rounded;
     return *this;
   }
 };
@@ -312,20 +337,22 @@ public:
     return sum;
   }
 
-  /// The losses at d and the gradient of their weighted sum, both exact; `gradient` is nv x keys. Allocates nothing. The
-  /// same bits on any executor.
+  /// The losses at d and the gradient of their weighted sum, both exact; `gradient` is nv x keys. If kinks are to be
+  /// rounded the gradient is that of the rounded sum, the losses remain what they are. Allocates nothing. The same bits on
+  /// any executor.
   template <core::Executor E>
-  CorrectionLosses gradient(const Eigen::MatrixXd& d, Eigen::MatrixXd& gradient, Workspace& w, E&& executor) const {
+  CorrectionLosses gradient(const Eigen::MatrixXd& d, Eigen::MatrixXd& gradient, Workspace& w, E&& executor,
+                            const KinkRounding& rounding = {}) const {
     executor.run(chunks(), [&](int chunk) {
       each_key(chunk, [&](int k) {
         pose(d, k, w);
-        ground_forces(k, w);
+        ground_forces(k, w, rounding.distance);
       });
     });
     executor.run(chunks(), [&](int chunk) {
       each_key(chunk, [&](int k) {
         const auto i = static_cast<std::size_t>(k);
-        jerk_forces(k, w);
+        jerk_forces(k, w, rounding);
         const auto dk = d.col(k);
         auto g = gradient.col(k);
         g = 2 * tangent_weights_.cwiseProduct(dk);
@@ -348,6 +375,7 @@ public:
     for (int k = 0; k < keys(); ++k) {
       jerk_losses(k, w);
       finish(k, d.col(k), w);
+      w.losses[static_cast<std::size_t>(k)].rounded = w.losses[static_cast<std::size_t>(k)].total;
     }
     return sum(w);
   }
@@ -430,7 +458,7 @@ private:
                        count(out, distance, weight, is_contact);
                      });
   }
-  void ground_forces(int k, Workspace& w) const noexcept {
+  void ground_forces(int k, Workspace& w, double rounding) const noexcept {
     const auto i = static_cast<std::size_t>(k);
     CorrectionLosses& out = w.losses[i];
     out = {};
@@ -439,7 +467,9 @@ private:
                      [&](int b, const core::Vector3<double>& at, const core::Vector3<double>& along, double distance,
                          double weight, bool is_contact) {
                        count(out, distance, weight, is_contact);
-                       w.forces[i].add(w.frames[i], b, at, weight * along);
+                       const detail::RoundedValue kink(weight, distance, rounding);
+                       out.rounded += kink.value;
+                       w.forces[i].add(w.frames[i], b, at, kink.slope * along);
                      });
   }
   void count(CorrectionLosses& out, double distance, double weight, bool is_contact) const noexcept {
@@ -458,19 +488,23 @@ private:
   }
 
   /// Every key looks at the four jerks it takes part in, so that keys are independent of one another.
-  void jerk_forces(int k, Workspace& w) const noexcept {
+  void jerk_forces(int k, Workspace& w, const KinkRounding& rounding) const noexcept {
     constexpr double share[4] = {-1, 3, -3, 1};
     const auto i = static_cast<std::size_t>(k);
-    const double scale = weights_.jerk / (dt_ * dt_ * dt_);
+    const double scale = 1 / (dt_ * dt_ * dt_), limit = weights_.jerk_limit - rounding.jerk_margin;
     for (int part = 0; part < 4; ++part) {
       const int first = k - part;
       if (first < 0 || first + 3 >= keys()) continue;
       for (int b = 0; b < source_.skeleton.size(); ++b) {
         const core::Vector3<double> j = jerk_of(b, first, w);
-        const double excess = jerk_excess(j, weights_.jerk_limit);
+        const double excess = jerk_excess(j, limit);
         if (!(excess > 0)) continue;
-        if (part == 0) w.losses[i].jerk += excess;
-        w.forces[i].force[static_cast<std::size_t>(b)] += (share[part] * scale / (excess + weights_.jerk_limit)) * j;
+        const detail::RoundedValue kink(weights_.jerk, excess, rounding.jerk);
+        if (part == 0) {
+          w.losses[i].jerk += std::max(0.0, excess - rounding.jerk_margin);
+          w.losses[i].rounded += kink.value;
+        }
+        w.forces[i].force[static_cast<std::size_t>(b)] += (share[part] * scale * kink.slope / (excess + limit)) * j;
       }
     }
   }
@@ -480,6 +514,7 @@ private:
     const double squared = tangent_weights_.dot(dk.cwiseAbs2());
     out.regularization = weights_.regularization > 0 ? squared / weights_.regularization : 0;
     out.total += squared + weights_.jerk * out.jerk;
+    out.rounded += squared;
   }
   CorrectionLosses sum(const Workspace& w) const noexcept {
     CorrectionLosses out;
