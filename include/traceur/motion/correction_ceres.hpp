@@ -27,21 +27,46 @@ struct CeresCorrectionOptions {
   double tolerance = 1e-3;          ///< ends when the loss falls by less than this share of itself in an iteration
   double distance_rounding = 1e-4;  ///< m; kinks of the distances are rounded over this width
   double jerk_rounding = 10;        ///< m/s^3; that of the jerk's excess
-  double first_rounding = 10;       ///< of the first iterations, times both widths; wide kinks are soon near their feet
-  int first_iterations = 12;        ///< at most; 0 begins with the widths above
+  double jerk_margin = 0;           ///< m/s^3; the jerk's kink is put this far below its limit
+  double first_rounding = 10;       ///< of the first iterations, times that of distances; wide kinks are soon near their feet
+  double first_jerk_rounding = 10;  ///< the same for jerk
+  int stages = 1;                   ///< in which widths fall from the first to the last, by equal factors
+  int first_iterations = 12;        ///< of each stage at most; 0 begins with the last widths
+  double stage_tolerance = 0.05;    ///< ends a stage
   double guard = 0.1;               ///< m; points nearer above the ground are kept from going under unseen
+  double guard_curvature = 0.15;    ///< of terms that cost nothing yet, as a share of what a parabola with its foot there has
+  double guard_falloff = 0;         ///< power of width over distance with which that falls away from the kink
+
+  /// Settings that come near the minimum of the loss, at the price of two to five times the iterations: guards shorten steps,
+  /// so they are weak, which needs kinks that begin as wide as to be parabolas and narrow slowly.
+  static CeresCorrectionOptions thorough() {
+    CeresCorrectionOptions out;
+    out.iterations = 450;
+    out.tolerance = 1e-4;
+    out.jerk_rounding = 300;
+    out.jerk_margin = 1;
+    out.first_rounding = 1e3;
+    out.first_jerk_rounding = 1e6;
+    out.stages = 10;
+    out.first_iterations = 30;
+    out.stage_tolerance = 1e-3;
+    out.guard_curvature = 0.01;
+    out.guard_falloff = 1;
+    return out;
+  }
 };
 
 namespace detail {
 
 /// The kink w max(r, 0) rounded to w (sqrt(r^2 + e^2) - e) where r > 0, with slope and the curvature of a parabola above
-/// it that touches it at r: for r > 0 that of iteratively reweighted least squares, for r < 0 three tenths of that of the
-/// parabola with its foot at r. Without any a step breaks what held so far; with all of it steps are shorter than need be.
+/// it that touches it at r: for r > 0 that of iteratively reweighted least squares, for r < 0 a share of that of the parabola
+/// with its foot at r. Without any a step breaks what held so far; with all of it steps are shorter than need be.
 struct RoundedKink {
   double value = 0, slope = 0, curvature;
-  RoundedKink(double weight, double r, double e) noexcept {
+  RoundedKink(double weight, double r, double e, const CeresCorrectionOptions& options) noexcept {
     if (!(r > 0)) {
-      curvature = 0.15 * weight / (e - r);
+      const double guard = options.guard_curvature * weight / (e - r);
+      curvature = options.guard_falloff > 0 ? guard * std::pow(e / (e - r), options.guard_falloff) : guard;
       return;
     }
     const RoundedValue rounded(weight, r, e);
@@ -76,8 +101,11 @@ public:
   }
 
   int bodies() const { return loss_.source().skeleton.size(); }
-  /// Multiplies both widths from here on.
-  void set_rounding(double factor) { rounding_ = factor; }
+  /// Multiplies the widths from here on.
+  void set_rounding(double distance, double jerk) {
+    distance_rounding_ = distance * options_.distance_rounding;
+    jerk_rounding_ = jerk * options_.jerk_rounding;
+  }
 
   void PrepareForEvaluation(bool jacobians, bool new_point) override {
     if (!new_point && (!jacobians || jacobians_)) return;
@@ -140,7 +168,7 @@ private:
     loss_.each_ground_term(k, at, jacobians ? options_.guard : 0,
                            [&](int b, const core::Vector3<double>& place, const core::Vector3<double>& along,
                                double distance, double weight, bool) {
-                             const RoundedKink kink(weight, distance, rounding_ * options_.distance_rounding);
+                             const RoundedKink kink(weight, distance, distance_rounding_, options_);
                              value += kink.value;
                              if (!jacobians) return;
                              row.setZero();
@@ -168,10 +196,10 @@ private:
 
   void jerk(int k, int b, bool jacobians) {
     Jerk& out = jerks_[static_cast<std::size_t>(k) * static_cast<std::size_t>(bodies()) + static_cast<std::size_t>(b)];
-    const double limit = loss_.weights().jerk_limit;
+    const double limit = loss_.weights().jerk_limit - options_.jerk_margin;
     const core::Vector3<double> j = loss_.jerk_of(b, k, w_);
     const double size = norm(j), excess = size - limit;
-    const RoundedKink kink(loss_.weights().jerk, excess, rounding_ * options_.jerk_rounding);
+    const RoundedKink kink(loss_.weights().jerk, excess, jerk_rounding_, options_);
     out.residual.setZero();
     out.rest = std::sqrt(2 * kink.value);
     if (!jacobians) return;
@@ -190,7 +218,7 @@ private:
   CeresCorrectionOptions options_;
   E& executor_;
   CorrectionLoss::Workspace w_;
-  double rounding_ = 1;
+  double distance_rounding_ = options_.distance_rounding, jerk_rounding_ = options_.jerk_rounding;
   bool jacobians_ = false;
   std::vector<Frame> frames_;
   std::vector<Jerk> jerks_;
@@ -293,6 +321,12 @@ inline Corrected correct_ceres(const Clip& clip, std::span<const body::SurfacePo
   if (options.iterations < 0) throw Error(where + "expected no negative number of iterations");
   if (!(options.distance_rounding > 0) || !(options.jerk_rounding > 0))
     throw Error(where + "expected widths of rounding above zero");
+  if (!(options.first_rounding > 0) || !(options.first_jerk_rounding > 0) || options.stages < 0)
+    throw Error(where + "expected first roundings above zero and no negative number of stages");
+  if (!(options.jerk_margin >= 0 && options.jerk_margin < options.weights.jerk_limit))
+    throw Error(where + "expected a margin below the jerk's limit, and none below zero");
+  if (!(options.guard_curvature >= 0) || !(options.guard_falloff >= 0))
+    throw Error(where + "expected no negative guard");
   const auto started = std::chrono::steady_clock::now();
   const CorrectionLoss loss(clip, points, ground, options.weights);
   Eigen::MatrixXd d = Eigen::MatrixXd::Zero(loss.nv(), loss.keys());
@@ -340,8 +374,8 @@ inline Corrected correct_ceres(const Clip& clip, std::span<const body::SurfacePo
   solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
   solver.callbacks.push_back(&history);
-  const auto solve = [&](double rounding, int iterations, double tolerance) {
-    terms.set_rounding(rounding);
+  const auto solve = [&](double distance_rounding, double jerk_rounding, int iterations, double tolerance) {
+    terms.set_rounding(distance_rounding, jerk_rounding);
     solver.max_num_iterations = iterations;
     solver.function_tolerance = tolerance;
     ceres::Solver::Summary summary;
@@ -350,9 +384,14 @@ inline Corrected correct_ceres(const Clip& clip, std::span<const body::SurfacePo
       throw Error(where + "the solve failed: " + summary.message);
     out.report.iterations += std::max(0, static_cast<int>(summary.iterations.size()) - 1);
   };
-  const int first = std::min(options.first_iterations, options.iterations);
-  if (first > 0) solve(options.first_rounding, first, 0.05);
-  solve(1, options.iterations - out.report.iterations, options.tolerance);
+  for (int i = 0; i < options.stages; ++i) {
+    const int most = std::min(options.first_iterations, options.iterations - out.report.iterations);
+    const double left = 1 - static_cast<double>(i) / options.stages;
+    if (most > 0)
+      solve(std::pow(options.first_rounding, left), std::pow(options.first_jerk_rounding, left), most,
+            options.stage_tolerance);
+  }
+  solve(1, 1, options.iterations - out.report.iterations, options.tolerance);
   out.report.after = loss.losses(d, w, executor);
   out.clip = loss.changed(d);
   out.report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
