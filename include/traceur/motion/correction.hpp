@@ -33,7 +33,7 @@ struct CorrectionOptions {
 
   /// Settings that end near the minimum of the loss, where the paper's are far above it: changes over several time
   /// scales, kinks that begin as wide as to be parabolas and end narrow, a step that falls, and a short memory for squares
-  /// of gradients, which the jerk's would else fill for long.
+  /// of gradients, which the jerk's would else fill for long. Made for a weight of jerk near the paper's.
   static CorrectionOptions multiscale(int iterations = 3000) {
     CorrectionOptions out;
     out.iterations = iterations;

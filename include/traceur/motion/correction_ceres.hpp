@@ -37,7 +37,7 @@ struct CeresCorrectionOptions {
   double guard_curvature = 0.15;    ///< of terms that cost nothing yet, as a share of what a parabola with its foot there has
   double guard_falloff = 0;         ///< power of width over distance with which that falls away from the kink
 
-  /// Settings that come near the minimum of the loss, at the price of two to five times the iterations: guards shorten steps,
+  /// Settings that come near the minimum of the loss, at the price of more iterations than the quick ones: guards shorten steps,
   /// so they are weak, which needs kinks that begin as wide as to be parabolas and narrow slowly.
   static CeresCorrectionOptions thorough() {
     CeresCorrectionOptions out;
