@@ -17,7 +17,7 @@ struct Parameters {
   double contact_damping = 1000;        ///< normal damper of one contact sphere, N s/m
   double damping_depth = 0.004;         ///< penetration at which the normal damper has doubled, m
   double spring_depth = 0.02;           ///< penetration beyond which the normal spring grows no more, m
-  double bristle_stiffness = 2e6;       ///< tangential spring that holds a sticking contact, N/m
+  double bristle_stiffness = 1e6;       ///< tangential spring that holds a sticking contact, N/m
   double bristle_damping = 3000;        ///< tangential damper of a sticking contact, N s/m
   double stop_stiffness = 1500;         ///< joint limit spring, N m/rad
   double stop_damping = 30;             ///< joint limit damper, N m s/rad
