@@ -220,8 +220,10 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   c.clip = motion.clip.name;
 
   control::FeedbackLearning settings = for_job(effort_.learning, c);
-  if (c.cyclic) settings.generations = effort_.gait_generations;
-  if (!c.cyclic) {
+  if (c.cyclic) {
+    settings.generations = effort_.gait_generations;
+    settings.slide = effort_.law_slide;
+  } else {
     settings.starts = effort_.one_shot_starts;
     settings.patience = effort_.one_shot_patience;
   }

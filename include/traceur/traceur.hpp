@@ -33,6 +33,7 @@
 #include <traceur/control/sampling_control.hpp>
 #include <traceur/control/simbicon.hpp>
 #include <traceur/control/skill_player.hpp>
+#include <traceur/control/sole_slide.hpp>
 #include <traceur/control/tracking_cost.hpp>
 #include <traceur/control/tracking_reference.hpp>
 #include <traceur/core/error.hpp>

@@ -40,6 +40,7 @@ struct Search {
   struct Outcome {
     Eigen::MatrixXd poses;
     double cost = 0;
+    double slide = 0;  ///< of the soles, m/s, mean over ticks, weighted by their share of the weight
   };
   Outcome simulate(const Eigen::MatrixXd& targets) const {
     sim::Lanes<S> lanes(f.model, simulation, ground);
@@ -49,11 +50,14 @@ struct Search {
     for (int t = 0; t < reference.ticks; ++t) {
       for (int k = 7; k < f.model.nq; ++k) lanes.target()[k] = S(targets(k, t));
       lanes.step(settings.steps_per_tick);
+      out.slide += static_cast<double>(control::loaded_sole_slide(lanes, f.model, f.roles).sum[3]) / (f.model.total_mass * 9.81);
       for (int k = 0; k < f.model.nq; ++k) out.poses(k, t + 1) = static_cast<double>(lanes.q()[k][3]);
       const int in_window = (t + 1) % settings.window_ticks;
       if (in_window == settings.window_ticks / 2) out.cost += 0.3 * static_cast<double>(cost(lanes, reference, t + 1)[3]);
       if (in_window == 0) out.cost += 0.7 * static_cast<double>(cost(lanes, reference, t + 1)[3]);
     }
+    out.cost += settings.slide * out.slide / settings.window_ticks;
+    out.slide /= reference.ticks;
     return out;
   }
 };
@@ -233,6 +237,17 @@ TEST_CASE("over a horizon the plan is settled piece by piece, and is one simulat
   }
 }
 
+TEST_CASE("soles that slide while they carry cost what they are said to, and less of it is found") {
+  Search search(squat_clip(36), 0.6);
+  search.simulation.friction = 0.1;
+  const double free = search.simulate(search.run().targets).slide;
+  search.settings.slide = 20;
+  const SampledControl held = search.run();
+  const Search::Outcome outcome = search.simulate(held.targets);
+  CHECK(outcome.cost == doctest::Approx(held.round_cost.back()).epsilon(1e-4));
+  CHECK(outcome.slide < 0.7 * free);
+}
+
 TEST_CASE("settings and starts that cannot be searched are refused") {
   const Search good(standing_clip(12), 0.2);
   const auto refusal = [&](auto&& spoil) {
@@ -244,6 +259,8 @@ TEST_CASE("settings and starts that cannot be searched are refused") {
   CHECK(contains(refusal([](Search& s) { s.settings.children = 0; }), "must be positive"));
   CHECK(contains(refusal([](Search& s) { s.settings.steps_per_tick = 0; }), "must be positive"));
   CHECK(contains(refusal([](Search& s) { s.settings.lag = -1; }), "lag"));
+  CHECK(contains(refusal([](Search& s) { s.settings.slide = -1; }), "slide"));
+  CHECK(contains(refusal([](Search& s) { s.settings.slide = std::nan(""); }), "slide"));
   CHECK(contains(refusal([](Search& s) { s.settings.horizon = -1; }), "horizon"));
   CHECK(contains(refusal([](Search& s) { s.settings.horizon = 4, s.settings.stride = 5; }), "stride"));
   CHECK(contains(refusal([](Search& s) {

@@ -11,6 +11,7 @@
 
 #include "traceur/control/controller.hpp"
 #include "traceur/control/engine.hpp"
+#include "traceur/control/sole_slide.hpp"
 #include "traceur/control/tracking_cost.hpp"
 #include "traceur/core/executor.hpp"
 #include "traceur/core/random.hpp"
@@ -240,8 +241,8 @@ class EpisodeRunner {
              std::array<EpisodeResult, static_cast<std::size_t>(width)>& results) {
     S local(T(0));
     if (e.measure_joints) local = local_error(c, reference_tick, carry);
-    S slide(T(0)), load(T(0));
-    if (e.measure_slide && !engine_) measure_slide(slide, load);
+    SoleSlide<S> soles{S(T(0)), S(T(0))};
+    if (e.measure_slide && !engine_) soles = loaded_sole_slide(lanes_, *model_, cost_->roles());
     const double floor = c.reference.poses(2, reference_tick) - e.fall.drop;
     for (int l = 0; l < used; ++l) {
       const auto k = static_cast<std::size_t>(l);
@@ -256,8 +257,8 @@ class EpisodeRunner {
       r.seconds = (tick + 1) * c.tick;
       r.deviation += core::lane_of(deviation, l);
       if (e.measure_joints) r.local_error_m += core::lane_of(local, l);
-      r.slide_m_s += core::lane_of(slide, l);
-      carried_[k] += core::lane_of(load, l);
+      r.slide_m_s += core::lane_of(soles.sum, l);
+      carried_[k] += core::lane_of(soles.load, l);
     }
   }
 
@@ -276,17 +277,6 @@ class EpisodeRunner {
   }
 
   /// Sums over the points of the feet: normal force times tangential speed, and normal force.
-  void measure_slide(S& slide, S& load) const {
-    for (const auto& leg : cost_->roles().legs) {
-      const sim::MovingBody& foot = model_->bodies[static_cast<std::size_t>(leg.foot)];
-      for (int i = 0; i < foot.contacts; ++i) {
-        const sim::ContactMemory<S> m = lanes_.contact_memory(static_cast<std::size_t>(foot.first_contact + i));
-        slide += m.normal_force * m.sliding_speed;
-        load += m.normal_force;
-      }
-    }
-  }
-
   const sim::Model* model_;
   const TrackingCost* cost_;
   sim::Parameters own_;

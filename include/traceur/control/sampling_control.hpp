@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <numeric>
@@ -9,6 +10,7 @@
 
 #include "traceur/control/mirror.hpp"
 #include "traceur/control/pd_targets.hpp"
+#include "traceur/control/sole_slide.hpp"
 #include "traceur/control/tracking_cost.hpp"
 #include "traceur/core/random.hpp"
 #include "traceur/sim/world.hpp"
@@ -30,6 +32,7 @@ struct SamplingParameters {
   double head = 0.05;
   double shrink = 0.9;       ///< factor on standard deviations from round to round
   double history = 0.15;     ///< share of a path's accumulated cost that counts in ranking
+  double slide = 0;          ///< cost of soles that slide at 1 m/s while they carry the body, at the end of each tick
   int lag = 3;               ///< windows between a window and the elites whose ancestors set its next mean
   /// Long motions: all rounds are made over so many windows, then over as many from `stride` windows later, and so on, so
   /// that what comes late is not searched from states that have not settled. 0: the whole motion at once.
@@ -88,6 +91,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
   if (p.samples < 1 || p.elites < 1 || p.children < 1 || p.rounds < 1 || p.window_ticks < 1 || p.steps_per_tick < 1)
     throw Error("sampling control: samples, elites, children, rounds, window_ticks and steps_per_tick must be positive");
   if (p.lag < 0) throw Error("sampling control: lag must be zero or more");
+  if (!(p.slide >= 0) || !std::isfinite(p.slide)) throw Error("sampling control: slide must be zero or more");
   if (p.horizon < 0 || (p.horizon > 0 && (p.stride < 1 || p.stride > p.horizon)))
     throw Error("sampling control: horizon must be zero or more, and stride between 1 and horizon");
   if (p.horizon > 0 && p.tied()) throw Error("sampling control: a horizon is for motions without period_starts");
@@ -118,6 +122,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
     sigma.segment(model.bodies[b].v_index, body::velocity_size(model.bodies[b].type)).setConstant(s);
   }
   const Eigen::MatrixXd base = led_targets(model, reference, p.lead);
+  const T slide_weight = static_cast<T>(p.slide / (model.total_mass * 9.81));
 
   struct Window {
     Eigen::VectorXd mean;
@@ -222,6 +227,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
         for (int t = first_tick; t < last_tick; ++t) {
           give_targets(l, turn, add, t);
           l.step(p.steps_per_tick);
+          if (p.slide > 0) c += S(slide_weight / static_cast<T>(last_tick - first_tick)) * loaded_sole_slide(l, model, roles).sum;
           if (t + 1 == middle) c += S(static_cast<T>(0.3)) * cost(l, reference, t + 1);
         }
         c += S(static_cast<T>(0.7)) * cost(l, reference, last_tick);
