@@ -46,7 +46,7 @@ TEST_CASE("files that hold no policy are refused") {
   CHECK_THROWS_WITH_AS(io::get_policy(empty), "empty: tensor 'widths': missing", Error);
   for (const std::vector<std::int64_t>& widths :
        {std::vector<std::int64_t>{4}, std::vector<std::int64_t>{4, 0, 2}, std::vector<std::int64_t>{4, std::int64_t{1} << 40, 2},
-        std::vector<std::int64_t>{4, 6, 2}}) {
+        std::vector<std::int64_t>{4, 6, 2}, std::vector<std::int64_t>(1000, std::int64_t{1} << 20)}) {
     io::Safetensors whole("file"), changed("file");
     io::add_policy(whole, policy);
     for (const io::Tensor& t : whole.tensors())

@@ -37,6 +37,11 @@ inline learn::Policy<float> get_policy(const Safetensors& file, const std::strin
     widths.push_back(static_cast<Eigen::Index>(w));
   }
   if (widths.size() < 2) refuse("widths': expected at least two");
+  // A few numbers can announce more memory than there is; the weights themselves are in the file.
+  std::int64_t held = 0, announced = 0;
+  for (const Tensor& tensor : file.tensors()) held += static_cast<std::int64_t>(tensor.size());
+  for (std::size_t k = 1; k < widths.size() && announced <= held; ++k) announced += widths[k] * widths[k - 1];
+  if (announced > held) refuse("widths': expected a network of no more weights than the file has numbers");
   nn::Mlp<> network(widths);
   Eigen::VectorXf parameters(network.parameters());
   read_module<float>(file, network, parameters.data(), prefix + "network.");
