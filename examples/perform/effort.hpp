@@ -19,7 +19,7 @@ struct Effort {
   int gait_generations = 600;   ///< in place of the learning's own number, which is for motions done once
   int one_shot_patience = 250;  ///< they improve slowly for long: their success has no second chance to add up
   int hardening_generations = 250;
-  double gait_slide = 6;        ///< cost of soles that slide at 1 m/s, in the search for a gait's targets
+  double gait_slide = 5;        ///< cost of soles that slide at 1 m/s, in the search for a gait's targets
   double law_slide = 5;         ///< the same while its law is learnt
   double smoothing_s = 0.03;    ///< standard deviation of the Gaussian over the clip before the search
   double least_search_s = 3.6;  ///< gaits are searched over as many cycles as fill this, at least three

@@ -40,7 +40,7 @@ struct Search {
   struct Outcome {
     Eigen::MatrixXd poses;
     double cost = 0;
-    double slide = 0;  ///< of the soles, m/s, mean over ticks, weighted by their share of the weight
+    double slide = 0;  ///< of the soles, m/s, mean over time, weighted by their share of the weight
   };
   Outcome simulate(const Eigen::MatrixXd& targets) const {
     sim::Lanes<S> lanes(f.model, simulation, ground);
@@ -50,7 +50,7 @@ struct Search {
     for (int t = 0; t < reference.ticks; ++t) {
       for (int k = 7; k < f.model.nq; ++k) lanes.target()[k] = S(targets(k, t));
       lanes.step(settings.steps_per_tick);
-      out.slide += static_cast<double>(control::loaded_sole_slide(lanes, f.model, f.roles).sum[3]) / (f.model.total_mass * 9.81);
+      out.slide += static_cast<double>(control::sole_slide(lanes, f.roles).sum[3]) / (f.model.total_mass * 9.81);
       for (int k = 0; k < f.model.nq; ++k) out.poses(k, t + 1) = static_cast<double>(lanes.q()[k][3]);
       const int in_window = (t + 1) % settings.window_ticks;
       if (in_window == settings.window_ticks / 2) out.cost += 0.3 * static_cast<double>(cost(lanes, reference, t + 1)[3]);

@@ -29,6 +29,7 @@ TEST_CASE("soles that glide: what they carry, times the speed of the feet; none 
   lanes.step(40);
   double slide[4] = {}, load[4] = {}, glide[4] = {};
   constexpr int steps = 20;
+  sim::Lanes<S> whole = lanes;
   for (int k = 0; k < steps; ++k) {
     for (int lane = 0; lane < 4; ++lane)
       for (const auto& leg : f.roles.legs) {
@@ -36,11 +37,18 @@ TEST_CASE("soles that glide: what they carry, times the speed of the feet; none 
         glide[lane] += std::hypot(core::lane_of(v.x, lane), core::lane_of(v.y, lane)) / (2 * steps);
       }
     lanes.step(1);
-    const control::SoleSlide<S> soles = control::loaded_sole_slide(lanes, f.model, f.roles);
+    const sim::LoadedSlide<S> soles = control::sole_slide(lanes, f.roles);
     for (int lane = 0; lane < 4; ++lane) {
       slide[lane] += static_cast<double>(core::lane_of(soles.sum, lane)) / steps;
       load[lane] += static_cast<double>(core::lane_of(soles.load, lane)) / steps;
     }
+  }
+  // All steps at once give their mean.
+  whole.step(steps);
+  const sim::LoadedSlide<S> mean = control::sole_slide(whole, f.roles);
+  for (int lane = 0; lane < 4; ++lane) {
+    CHECK(core::lane_of(mean.sum, lane) == doctest::Approx(slide[lane]).epsilon(1e-3));
+    CHECK(core::lane_of(mean.load, lane) == doctest::Approx(load[lane]).epsilon(1e-3));
   }
   const double weight = f.model.total_mass * 9.81;
   for (int lane = 0; lane < 3; ++lane) {

@@ -111,6 +111,25 @@ TEST_CASE("gravity and friction may differ between lanes") {
     CHECK(world.pose(lane)[0] == doctest::Approx(1 / (2 * (0.2 + 0.3 * lane) * gravities[lane])).epsilon(0.05));
 }
 
+TEST_CASE("what carries a body, and how fast it slides on that, is read as well on a box as on the ground") {
+  Parameters p;
+  p.friction = 0.2;
+  const double weight = 10 * p.gravity, mean_speed = 1 - 0.5 * p.friction * p.gravity * 0.25;
+  const Scene scenes[] = {{Ground<double>::plane({0, 0, 1}, 0), BoxScene()}, boxes({{{0, 0, 0.5}, {2, 2, 0.5}, level()}})};
+  for (const Scene& scene : scenes) {
+    World<double> world(scene::box({0.2, 0.2, 0.1}, 10), 1, p, scene);
+    Eigen::VectorXd q = world.character().skeleton.neutral_pose(), v = Eigen::VectorXd::Zero(6);
+    q[2] = scene.boxes.empty() ? 0.0995 : 1.0995;
+    v[0] = 0.6;
+    v[1] = 0.8;
+    world.reset(0, q, v);
+    world.step(120);
+    const traceur::sim::LoadedSlide<double> slide = world.contact_slide(0, 0);
+    CHECK(slide.load == doctest::Approx(weight).epsilon(0.03));
+    CHECK(slide.sum / slide.load == doctest::Approx(mean_speed).epsilon(0.03));
+  }
+}
+
 TEST_CASE("a box slides over the seams of touching boxes as over one") {
   std::vector<Box> row;
   for (int i = 0; i < 8; ++i) row.push_back({{0.25 * i, 0, 0.2}, {0.125, 0.5, 0.2}, level()});

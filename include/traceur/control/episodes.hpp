@@ -51,7 +51,7 @@ struct EpisodeResult {
   bool held = false;            ///< one-shot: still so after the hold
   double deviation = 0;         ///< mean distance from the sensory reference, mixed units; what learning minimises
   double local_error_m = 0;     ///< mean over tracked points and ticks, root position taken off
-  double slide_m_s = 0;         ///< of the soles, at the end of each tick, weighted by what their points carry; bundled dynamics only
+  double slide_m_s = 0;         ///< of the soles, weighted by what their points carry; bundled dynamics only
   double mean_speed = 0;        ///< horizontal travel along the reference's heading over time, m/s
   bool non_finite = false;
 };
@@ -241,8 +241,8 @@ class EpisodeRunner {
              std::array<EpisodeResult, static_cast<std::size_t>(width)>& results) {
     S local(T(0));
     if (e.measure_joints) local = local_error(c, reference_tick, carry);
-    SoleSlide<S> soles{S(T(0)), S(T(0))};
-    if (e.measure_slide && !engine_) soles = loaded_sole_slide(lanes_, *model_, cost_->roles());
+    sim::LoadedSlide<S> soles{S(T(0)), S(T(0))};
+    if (e.measure_slide && !engine_) soles = sole_slide(lanes_, cost_->roles());
     const double floor = c.reference.poses(2, reference_tick) - e.fall.drop;
     for (int l = 0; l < used; ++l) {
       const auto k = static_cast<std::size_t>(l);

@@ -32,7 +32,7 @@ struct SamplingParameters {
   double head = 0.05;
   double shrink = 0.9;       ///< factor on standard deviations from round to round
   double history = 0.15;     ///< share of a path's accumulated cost that counts in ranking
-  double slide = 0;          ///< cost of soles that slide at 1 m/s while they carry the body, at the end of each tick
+  double slide = 0;          ///< cost of soles that slide at 1 m/s through a window while they carry the body
   int lag = 3;               ///< windows between a window and the elites whose ancestors set its next mean
   /// Long motions: all rounds are made over so many windows, then over as many from `stride` windows later, and so on, so
   /// that what comes late is not searched from states that have not settled. 0: the whole motion at once.
@@ -227,7 +227,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
         for (int t = first_tick; t < last_tick; ++t) {
           give_targets(l, turn, add, t);
           l.step(p.steps_per_tick);
-          if (p.slide > 0) c += S(slide_weight / static_cast<T>(last_tick - first_tick)) * loaded_sole_slide(l, model, roles).sum;
+          if (p.slide > 0) c += S(slide_weight / static_cast<T>(last_tick - first_tick)) * sole_slide(l, roles).sum;
           if (t + 1 == middle) c += S(static_cast<T>(0.3)) * cost(l, reference, t + 1);
         }
         c += S(static_cast<T>(0.7)) * cost(l, reference, last_tick);

@@ -18,6 +18,13 @@ struct ContactMemory {
   S sliding_speed;           ///< tangential speed at the start of the last step, m/s
 };
 
+/// How contacts slide while they carry.
+template <class S>
+struct LoadedSlide {
+  S load;  ///< sum of normal forces, N
+  S sum;   ///< sum of normal forces times tangential speeds, N m/s
+};
+
 /// A contact linearised about the present velocity u of the touching point: it pushes with `force - resistance u'` where u'
 /// is the velocity at the end of the step.
 template <class S>

@@ -57,7 +57,8 @@ class Lanes {
         highest_(ground.highest()),
         push_force_(model.bodies.size(), Vector3::zero()),
         push_arm_(model.bodies.size(), Vector3::zero()),
-        body_force_(model.bodies.size(), Vector3::zero()) {
+        body_force_(model.bodies.size(), Vector3::zero()),
+        body_slide_(model.bodies.size(), LoadedSlide<S>{S(T(0)), S(T(0))}) {
     for (const ContactSphere& c : model.contacts) contacts_.emplace_back(c.body);
     widest_.resize(model.contacts.size());
     measure_spheres();
@@ -106,6 +107,8 @@ class Lanes {
   const DynamicsWork<S>& work() const { return work_; }
   /// Contact force on each moving body, mean over the last call of `step`, N, world.
   const std::vector<Vector3>& body_force() const { return body_force_; }
+  /// How each moving body slides on ground and boxes while these carry it, mean over the last call of `step`.
+  const std::vector<LoadedSlide<S>>& body_slide() const { return body_slide_; }
   /// What the contact of sphere `c` of the model with the ground remembers of the last step.
   ContactMemory<S> contact_memory(std::size_t c) const {
     const S* m = state_.data() + model_->nq + 2 * model_->nv + ground_numbers * static_cast<std::ptrdiff_t>(c);
@@ -565,8 +568,13 @@ class Lanes {
         force += f;
         moment += cross(k.position + w.arm - center, f);
         body_force_[i] += f;
+        add_slide(i, w.memory);
       }
     }
+  }
+  [[gnu::always_inline]] void add_slide(std::size_t body, const ContactMemory<S>& m) {
+    body_slide_[body].load += m.normal_force;
+    body_slide_[body].sum += m.normal_force * m.sliding_speed;
   }
 
   template <class M>
@@ -1133,6 +1141,7 @@ class Lanes {
         ContactWork& u = contacts_[c];
         S* m = state_.data() + touch_memory(0) + touch_numbers * static_cast<std::ptrdiff_t>(c - touches_first_);
         external(u, settle_touch(u, work_.bodies[static_cast<std::size_t>(u.body)], m, still, still));
+        add_slide(static_cast<std::size_t>(u.body), u.memory);
         remember_box(u, m);
       }
     const auto implicit = [&](const ContactWork& u) {
@@ -1216,6 +1225,7 @@ class Lanes {
   std::ptrdiff_t taken_ = 0;  ///< numbers of the state given away so far
   std::vector<ContactWork> contacts_;
   std::vector<Vector3> push_force_, push_arm_, body_force_;
+  std::vector<LoadedSlide<S>> body_slide_;
   LaneMask failed_;
   bool pushed_ = false;
   T last_seconds_ = 0;
@@ -1224,6 +1234,7 @@ class Lanes {
 template <class S>
 [[gnu::flatten]] void Lanes<S>::step(int count) noexcept {
   for (auto& f : body_force_) f = Vector3::zero();
+  for (auto& m : body_slide_) m = {constant(0), constant(0)};
   refresh();
   if (has_boxes_) look_around(count);
   for (Object& o : objects_) o.work.impulse = Vector3::zero();
@@ -1236,6 +1247,10 @@ template <class S>
   last_seconds_ = static_cast<T>(count * parameters_->dt);
   const S share(static_cast<T>(1.0 / count));
   for (auto& f : body_force_) f *= share;
+  for (auto& m : body_slide_) {
+    m.load *= share;
+    m.sum *= share;
+  }
   for (Grip& g : grips_) g.force *= share;
   if (pushed_) {
     for (auto& f : push_force_) f = Vector3::zero();

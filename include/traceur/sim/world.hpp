@@ -215,6 +215,11 @@ class World {
     if (m.type == body::JointType::hinge) return torque.x * rate(0);
     return torque.x * rate(0) + torque.y * rate(1) + torque.z * rate(2);
   }
+  /// How moving body `b` slides on ground and boxes while these carry it, mean over the last call of `step`.
+  LoadedSlide<T> contact_slide(int lane, int b) const {
+    const auto& m = group(lane).body_slide()[static_cast<std::size_t>(b)];
+    return {core::lane_of(m.load, lane % width), core::lane_of(m.sum, lane % width)};
+  }
   /// Impulse of the contacts on moving body `b` over the last call of `step`, N s.
   core::Vector3<T> contact_impulse(int lane, int b) const { return group(lane).last_seconds() * contact_force(lane, b); }
   /// Whether moving body `b` touched anything during the last call of `step`: its contact label.
