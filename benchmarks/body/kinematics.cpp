@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: MIT
+// Poses per second whose bodies are placed, and states whose momenta are summed, of the examples' humanoid: in double, in float
+// and on packs, beside MuJoCo's mj_kinematics (which also places geoms and inertial frames) and mj_comVel with what it needs.
+// `poses` counts lanes; `ratio` is ours, one pose at a time in double, over MuJoCo's, both timed in turn in one run.
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <benchmark/benchmark.h>
+#include <mujoco/mujoco.h>
+
+#include <traceur/body/kinematics.hpp>
+#include <traceur/body/momentum.hpp>
+#include <traceur/core/pack.hpp>
+#include <traceur/core/random.hpp>
+#include <traceur/io/mjcf.hpp>
+
+namespace {
+
+using namespace traceur;
+
+const std::string path = (std::filesystem::path(__FILE__).parent_path() / "../../examples/characters/humanoid.xml").string();
+
+const body::Character& humanoid() {
+  static const body::Character character = io::read_mjcf(path);
+  return character;
+}
+
+template <class S>
+class Ours {
+ public:
+  Ours() : frames_(humanoid().skeleton), twists_(humanoid().skeleton) {
+    const body::Skeleton& skeleton = humanoid().skeleton;
+    core::RandomStream random(1);
+    const Eigen::VectorXd q = skeleton.neutral_pose();
+    for (const double x : q) q_.push_back(S(static_cast<core::Element<S>>(x)));
+    for (int k = 0; k < skeleton.nv(); ++k) v_.push_back(S(static_cast<core::Element<S>>(random.normal())));
+  }
+  void place() {
+    benchmark::DoNotOptimize(q_.data());
+    body::forward_kinematics(humanoid().skeleton, q_.data(), frames_);
+    benchmark::ClobberMemory();
+  }
+  void momenta() {
+    place();
+    body::forward_velocities(humanoid().skeleton, frames_, v_.data(), twists_);
+    const body::Momentum<S> m = body::momentum(humanoid(), frames_, twists_);
+    benchmark::DoNotOptimize(&m);
+    benchmark::ClobberMemory();
+  }
+  static constexpr int lanes = core::lane_count<S>;
+
+ private:
+  std::vector<S> q_, v_;
+  body::Frames<S> frames_;
+  body::Twists<S> twists_;
+};
+
+class Peer {
+ public:
+  Peer() {
+    char error[256] = "";
+    model_.reset(mj_loadXML(path.c_str(), nullptr, error, sizeof error));
+    if (!model_) throw std::runtime_error(error);
+    data_.reset(mj_makeData(model_.get()));
+    core::RandomStream random(1);
+    for (int k = 0; k < model_->nv; ++k) data_->qvel[k] = random.normal();
+  }
+  void place() {
+    mj_kinematics(model_.get(), data_.get());
+    benchmark::ClobberMemory();
+  }
+  void momenta() {
+    place();
+    mj_comPos(model_.get(), data_.get());
+    mj_comVel(model_.get(), data_.get());
+    mj_subtreeVel(model_.get(), data_.get());
+    benchmark::ClobberMemory();
+  }
+  static constexpr int lanes = 1;
+
+ private:
+  struct Free {
+    void operator()(mjModel* m) const { mj_deleteModel(m); }
+    void operator()(mjData* d) const { mj_deleteData(d); }
+  };
+  std::unique_ptr<mjModel, Free> model_;
+  std::unique_ptr<mjData, Free> data_;
+};
+
+template <class Side, void (Side::*work)()>
+void poses(benchmark::State& state) {
+  Side side;
+  for (auto _ : state) (side.*work)();
+  state.counters["poses"] = benchmark::Counter(static_cast<double>(state.iterations()) * Side::lanes, benchmark::Counter::kIsRate);
+}
+
+template <void (Ours<double>::*mine)(), void (Peer::*theirs)()>
+void against_mujoco(benchmark::State& state) {
+  using Clock = std::chrono::steady_clock;
+  Ours<double> ours;
+  Peer peer;
+  constexpr int repeats = 1000;
+  std::vector<double> ratios;
+  for (auto _ : state) {
+    const auto begin = Clock::now();
+    for (int i = 0; i < repeats; ++i) (ours.*mine)();
+    const auto middle = Clock::now();
+    for (int i = 0; i < repeats; ++i) (peer.*theirs)();
+    const auto end = Clock::now();
+    ratios.push_back(static_cast<double>((end - middle).count()) / static_cast<double>((middle - begin).count()));
+  }
+  const auto median = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
+  std::nth_element(ratios.begin(), median, ratios.end());
+  state.counters["ratio"] = *median;
+}
+
+}  // namespace
+
+BENCHMARK(poses<Ours<double>, &Ours<double>::place>)->Name("place/double");
+BENCHMARK(poses<Ours<float>, &Ours<float>::place>)->Name("place/float");
+BENCHMARK(poses<Ours<core::Pack<float>>, &Ours<core::Pack<float>>::place>)->Name("place/pack_float");
+BENCHMARK(poses<Peer, &Peer::place>)->Name("place/mujoco");
+BENCHMARK(poses<Ours<double>, &Ours<double>::momenta>)->Name("momenta/double");
+BENCHMARK(poses<Ours<core::Pack<float>>, &Ours<core::Pack<float>>::momenta>)->Name("momenta/pack_float");
+BENCHMARK(poses<Peer, &Peer::momenta>)->Name("momenta/mujoco");
+BENCHMARK(against_mujoco<&Ours<double>::place, &Peer::place>)->Name("against_mujoco/place");
+BENCHMARK(against_mujoco<&Ours<double>::momenta, &Peer::momenta>)->Name("against_mujoco/momenta");
