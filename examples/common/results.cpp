@@ -3,6 +3,7 @@
 
 #include <cstdio>
 
+#include "files.hpp"
 #include "traceur/body/kinematics.hpp"
 #include "traceur/io/atomic_file.hpp"
 #include "traceur/io/safetensors.hpp"
@@ -51,7 +52,7 @@ Error not_written_by(const fs::path& path, const std::string& program) {
 }
 
 nlohmann::ordered_json saved_arguments(const fs::path& path, const std::string& program) {
-  const io::Safetensors file = io::read_safetensors(path);
+  const io::Safetensors file = read_tensors(path);
   const auto found = file.metadata.find("arguments");
   nlohmann::ordered_json json;
   if (found != file.metadata.end()) json = nlohmann::ordered_json::parse(found->second, nullptr, false);

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <limits>
 
+#include "../common/files.hpp"
 #include "../common/progress.hpp"
 #include "../common/retargeting.hpp"
 #include "traceur/diffusion/blended_denoiser.hpp"
@@ -17,8 +18,6 @@
 #include "traceur/diffusion/network_denoiser.hpp"
 #include "traceur/diffusion/training.hpp"
 #include "traceur/evaluate/motion_quality.hpp"
-#include "traceur/io/load_clip.hpp"
-#include "traceur/io/mjcf.hpp"
 #include "traceur/io/safetensors.hpp"
 #include "traceur/motion/correction_ceres.hpp"
 #include "traceur/motion/hesitation.hpp"
@@ -134,11 +133,11 @@ void save(const Options& o, const Windows& windows, const Checkpoint& c) {
   for (const Milestone& m : c.milestones) looks.insert(looks.end(), {m.step, m.loss});
   file.add<double>("milestones", {looks.size()}, looks);
   file.metadata = {{"arguments", job_arguments(o).dump()}};
-  io::write_safetensors(path, file);
+  example::write_tensors(path, file);
 }
 
 Checkpoint load(const Options& o, Windows& windows, Eigen::Index parameters) {
-  const io::Safetensors file = io::read_safetensors(o.out / "checkpoint.safetensors");
+  const io::Safetensors file = example::read_tensors(o.out / "checkpoint.safetensors");
   windows.set_scale(get_scale(file, windows.features().size()));
   Checkpoint c{io::get_vector<float>(file, "theta", parameters), io::get_vector<float>(file, "average", parameters),
                io::get_vector<float>(file, "moments", 2 * parameters), 0, {}};
@@ -194,10 +193,10 @@ Quality measure(const body::Character& character, const motion::Clip& clip, cons
 
 Scene load_scene(const Options& options) {
   Scene s;
-  s.character = io::read_mjcf(options.character);
+  s.character = example::read_character(options.character);
   const motion::Mirror mirror(s.character.skeleton);
   for (const fs::path& path : options.clips) {
-    const io::LoadedClip loaded = io::load_clip(path, {});
+    const io::LoadedClip loaded = example::load_clip(path);
     std::printf("%s", loaded.report.text().c_str());
     motion::RetargetOptions retargeting;
     // What came with its ground stays where it is on it.
@@ -323,7 +322,7 @@ Training train(const Scene& scene, const Options& options) {
   add_scale(file, windows);
   io::add_module<float>(file, net, c.average.data(), "network.");
   file.metadata = {{"arguments", job_arguments(options).dump()}};
-  io::write_safetensors(path, file);
+  example::write_tensors(path, file);
   return {c.milestones, static_cast<int>(c.step), clock.seconds(), static_cast<long>(n)};
 }
 
@@ -359,7 +358,7 @@ Course make_course(const Options& options) {
 
 Generated generate_along(const Scene& scene, const Options& options, const Course& course, const fs::path& path) {
   core::ThreadExecutor executor(options.threads);
-  const io::Safetensors file = io::read_safetensors(path);
+  const io::Safetensors file = example::read_tensors(path);
   Windows windows(FrameFeatures(scene.character.skeleton), window_parameters(options.size));
   windows.set_scale(get_scale(file, windows.features().size()));
   const MotionGenerator net = make_network(windows, options.size);

@@ -17,6 +17,7 @@
 #include <nlohmann/json.hpp>
 
 #include "../common/command_line.hpp"
+#include "../common/files.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
 #include "course.hpp"
@@ -25,7 +26,6 @@
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
 #include "traceur/io/controller_file.hpp"
-#include "traceur/io/mjcf.hpp"
 
 namespace {
 
@@ -207,7 +207,7 @@ void play(const Options& o, const sim::Model& model, const control::Roles& roles
 int carry_out(const Options& o) {
   example::listen_for_interruption();
   const example::Clock clock;
-  const sim::Model model = sim::make_model(io::read_mjcf(o.character));
+  const sim::Model model = example::read_model(o.character);
   const control::Roles roles = control::find_roles(model);
   Skills skills;
   if (o.command == Command::train) {

@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "../common/command_line.hpp"
+#include "../common/files.hpp"
 #include "../common/plot.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
@@ -184,7 +185,7 @@ void do_tracking(const Options& o, const Scene& scene, learn::ProcessGroup& proc
   // What is left to do is the first process's.
   if (processes.rank() > 0) return;
   if (o.play.empty()) tell_training(training, report, facts);
-  learn::Policy<float> policy = io::read_policy(o.play.empty() ? o.out / "policy.safetensors" : o.play);
+  learn::Policy<float> policy = io::get_policy(example::read_tensors(o.play.empty() ? o.out / "policy.safetensors" : o.play));
   if (!judge(o, scene, policy, report, facts)) why = "the policy does not track: more than half of the episodes of a clip ended early";
   for (std::size_t m = 0; m < scene.motions.size(); ++m)
     write_replay(o.out / (scene.motions.size() == 1 ? "replay.html" : "replay_" + std::to_string(m + 1) + ".html"), scene.motions[m].name,
@@ -204,7 +205,7 @@ void do_speed(const Options& o, const Scene& scene, learn::ProcessGroup& process
       curve.push_back(Json{{"samples", m.samples}, {"real_accuracy", m.real_accuracy}, {"fake_accuracy", m.fake_accuracy}});
     report["discriminator"] = curve;
   }
-  learn::Policy<float> policy = io::read_policy(o.play.empty() ? o.out / "policy.safetensors" : o.play);
+  learn::Policy<float> policy = io::get_policy(example::read_tensors(o.play.empty() ? o.out / "policy.safetensors" : o.play));
   if (!judge_speed(o, scene, policy, report, facts)) why = "the policy does not move about: more than half of the episodes ended early";
   write_replay(o.out / "replay.html", "as fast as asked", scene, record_speed(scene, o, policy), facts);
   if (o.play.empty()) write_speed_curves(o, training, facts);

@@ -3,6 +3,7 @@
 
 #include <cstdio>
 
+#include "../common/files.hpp"
 #include "budget.hpp"
 #include "timing.hpp"
 #include "traceur/io/adversarial_file.hpp"
@@ -81,12 +82,12 @@ void save(const Options& o, const Checkpoint& c) {
                                          m.style_reward, m.task_reward, m.divergence, m.explained_variance, m.policy_rate});
   file.add<double>("milestones", {milestones.size()}, milestones);
   file.metadata = {{"arguments", job_arguments(o).dump()}, {"warnings", Json(c.training.warnings).dump()}};
-  io::write_safetensors(path, file);
-  io::write_policy(o.out / "policy.safetensors", c.best, {{"arguments", job_arguments(o).dump()}});
+  example::write_tensors(path, file);
+  write_policy(o, c.best);
 }
 
 Checkpoint load(const Options& o) {
-  const io::Safetensors file = io::read_safetensors(o.out / "checkpoint.safetensors");
+  const io::Safetensors file = example::read_tensors(o.out / "checkpoint.safetensors");
   Checkpoint c{io::get_ppo_state(file), io::get_adversarial_state(file), io::get_policy(file, "best."), {}};
   const std::vector<double> m = file.values<double>("milestones");
   if (m.size() % numbers != 1) throw Error(file.where() + ": tensor 'milestones': expected 1 + 12 n numbers");

@@ -5,11 +5,10 @@
 #include <fstream>
 #include <sstream>
 
+#include "../common/files.hpp"
 #include "../common/retargeting.hpp"
 #include "budget.hpp"
 #include "timing.hpp"
-#include "traceur/io/load_clip.hpp"
-#include "traceur/io/mjcf.hpp"
 #include "traceur/io/policy_file.hpp"
 #include "traceur/io/ppo_file.hpp"
 #include "traceur/learn/shared_environments.hpp"
@@ -76,12 +75,12 @@ void save(const Options& o, const Checkpoint& c) {
   file.add<double>("milestones", {milestones.size()}, milestones);
   Json warnings = c.training.warnings;
   file.metadata = {{"arguments", job_arguments(o).dump()}, {"warnings", warnings.dump()}};
-  io::write_safetensors(path, file);
-  io::write_policy(o.out / "policy.safetensors", c.best, {{"arguments", job_arguments(o).dump()}});
+  example::write_tensors(path, file);
+  write_policy(o, c.best);
 }
 
 Checkpoint load(const Options& o) {
-  const io::Safetensors file = io::read_safetensors(o.out / "checkpoint.safetensors");
+  const io::Safetensors file = example::read_tensors(o.out / "checkpoint.safetensors");
   Checkpoint c{io::get_ppo_state(file), io::get_policy(file, "best."), {}, file.values<double>("priorities")};
   const std::vector<double> m = file.values<double>("milestones");
   if (m.size() % 6 != 1) throw Error(file.where() + ": tensor 'milestones': expected 1 + 6 n numbers");
@@ -119,6 +118,14 @@ learn::Policy<float> policy_of(const learn::Ppo<float>& ppo) {
   return {ppo.policy(), ppo.policy_parameters().head(ppo.policy().parameters()), ppo.normalizer()};
 }
 
+void write_policy(const Options& o, const learn::Policy<float>& policy) {
+  const fs::path path = o.out / "policy.safetensors";
+  io::Safetensors file(path.string());
+  io::add_policy(file, policy);
+  file.metadata = {{"arguments", job_arguments(o).dump()}};
+  example::write_tensors(path, file);
+}
+
 void warn_once(std::vector<std::string>& warnings, const char* text) {
   for (const std::string& w : warnings)
     if (w == text) return;
@@ -138,13 +145,13 @@ std::vector<std::string> saved_warnings(const io::Safetensors& file) {
 
 Scene load_scene(const Options& options) {
   Scene s;
-  s.model = sim::make_model(io::read_mjcf(options.character));
+  s.model = example::read_model(options.character);
   std::ostringstream text;
   text << std::ifstream(options.character, std::ios::binary).rdbuf();
   s.character_text = text.str();
   s.roles = control::find_roles(s.model);
   for (const fs::path& path : options.clips) {
-    const io::LoadedClip loaded = io::load_clip(path, {});
+    const io::LoadedClip loaded = example::load_clip(path);
     std::printf("%s", loaded.report.text().c_str());
     const motion::Retargeted on_character = example::retarget(loaded.clip, s.model.character);
     std::printf("on '%s': %s", s.model.character.name.c_str(), on_character.report.text().c_str());

@@ -44,6 +44,8 @@ int share_of(int all, const traceur::learn::ProcessGroup& processes);
 /// What collides with what, and the policy of a run as it is now.
 traceur::sim::Extras extras_of(const traceur::sim::Model& model);
 traceur::learn::Policy<float> policy_of(const traceur::learn::Ppo<float>& ppo);
+/// As policy.safetensors, with what the run was asked for.
+void write_policy(const Options& options, const traceur::learn::Policy<float>& policy);
 
 /// One look at the run, after a block of updates.
 struct Milestone {
