@@ -124,6 +124,7 @@ control::SamplingParameters Performer::sampling(const Motion& motion) const {
   p.period_starts = motion.window_starts;
   p.period_ticks = motion.period_ticks;
   p.mirrored = motion.mirrored;
+  if (motion.flies) p.slide = effort_.run_slide;
   return p;
 }
 
@@ -222,7 +223,7 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   control::FeedbackLearning settings = for_job(effort_.learning, c);
   if (c.cyclic) {
     settings.generations = effort_.gait_generations;
-    settings.slide = effort_.law_slide;
+    if (motion.flies) settings.slide = effort_.run_law_slide;
   } else {
     settings.starts = effort_.one_shot_starts;
     settings.patience = effort_.one_shot_patience;

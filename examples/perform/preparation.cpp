@@ -6,9 +6,9 @@
 #include <fstream>
 #include <sstream>
 
+#include "../common/files.hpp"
 #include "../common/retargeting.hpp"
 #include "traceur/io/load_clip.hpp"
-#include "traceur/io/mjcf.hpp"
 #include "traceur/io/terrain_file.hpp"
 #include "traceur/motion/loop.hpp"
 #include "traceur/motion/repeats.hpp"
@@ -129,6 +129,7 @@ Motion gait(const motion::Clip& cycle, const std::string& name, const Scene& sce
   Motion m;
   m.name = name;
   m.cyclic = true;
+  m.flies = cycle.contacts.cols() == cycle.keys() && motion::check_flight(cycle, scene.model.character).flights > 0;
   const motion::Mirror mirror(scene.model.character.skeleton);
   m.mirrored = alternates(cycle);
   char text[160];
@@ -171,7 +172,7 @@ nlohmann::ordered_json retarget_json(const motion::RetargetReport& r) {
 
 Scene load_scene(const Options& o) {
   Scene s;
-  s.model = sim::make_model(io::read_mjcf(o.character));
+  s.model = example::read_model(o.character);
   s.roles = control::find_roles(s.model);
   s.character_text = read_file(o.character);
   if (!o.terrain.empty()) s.terrain = io::read_terrain(o.terrain);
@@ -187,7 +188,7 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
   if (o.up != "detect") load.up = o.up == "x" ? io::UpAxis::x : o.up == "y" ? io::UpAxis::y : io::UpAxis::z;
   motion::RetargetOptions options;
   if (!o.joint_map.empty()) options.joints = motion::parse_joint_names(read_file(o.joint_map), o.joint_map.string());
-  const io::LoadedClip loaded = io::load_clip(o.clip, load);
+  const io::LoadedClip loaded = example::load_clip(o.clip, load);
   out.loaded = loaded.report;
   std::printf("%s", loaded.report.text().c_str());
   if (loaded.terrain && !scene.terrain) {

@@ -30,6 +30,7 @@ struct Motion {
   std::string name;            ///< of its state file
   traceur::motion::Clip clip;  ///< one cycle of a gait; not smoothed
   bool cyclic = false;
+  bool flies = false;          ///< of a gait, whether the body leaves the ground in it
   traceur::control::TrackingReference reference;  ///< smoothed, what is searched and learnt for
   traceur::control::TrackingReference measured;   ///< not smoothed, what errors are measured against
   std::vector<int> window_starts;                 ///< of a gait, see SamplingParameters
