@@ -2,8 +2,6 @@
 // Poses per second whose bodies are placed, and states whose momenta are summed, of the examples' humanoid: in double, in float
 // and on packs, beside MuJoCo's mj_kinematics (which also places geoms and inertial frames) and mj_comVel with what it needs.
 // `poses` counts lanes; `ratio` is ours, one pose at a time in double, over MuJoCo's, both timed in turn in one run.
-#include <algorithm>
-#include <chrono>
 #include <filesystem>
 #include <memory>
 #include <stdexcept>
@@ -13,6 +11,7 @@
 #include <benchmark/benchmark.h>
 #include <mujoco/mujoco.h>
 
+#include "../in_turn.hpp"
 #include <traceur/body/kinematics.hpp>
 #include <traceur/body/momentum.hpp>
 #include <traceur/core/pack.hpp>
@@ -101,22 +100,9 @@ void poses(benchmark::State& state) {
 
 template <void (Ours<double>::*mine)(), void (Peer::*theirs)()>
 void against_mujoco(benchmark::State& state) {
-  using Clock = std::chrono::steady_clock;
   Ours<double> ours;
   Peer peer;
-  constexpr int repeats = 1000;
-  std::vector<double> ratios;
-  for (auto _ : state) {
-    const auto begin = Clock::now();
-    for (int i = 0; i < repeats; ++i) (ours.*mine)();
-    const auto middle = Clock::now();
-    for (int i = 0; i < repeats; ++i) (peer.*theirs)();
-    const auto end = Clock::now();
-    ratios.push_back(static_cast<double>((end - middle).count()) / static_cast<double>((middle - begin).count()));
-  }
-  const auto median = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), median, ratios.end());
-  state.counters["ratio"] = *median;
+  in_turn(state, 1000, ours.lanes, [&] { (ours.*mine)(); }, [&] { (peer.*theirs)(); });
 }
 
 }  // namespace

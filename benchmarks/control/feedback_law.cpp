@@ -3,12 +3,12 @@
 // and as products of Eigen matrices in double and float, one lane after the other. `laws` counts lanes; `ratio` is ours over
 // Eigen's in float, both timed in turn in one run.
 #include <algorithm>
-#include <chrono>
 #include <vector>
 
 #include <Eigen/Core>
 #include <benchmark/benchmark.h>
 
+#include "../in_turn.hpp"
 #include <traceur/control/feedback_law.hpp>
 #include <traceur/core/random.hpp>
 
@@ -79,22 +79,9 @@ void laws(benchmark::State& state) {
 }
 
 void against_eigen(benchmark::State& state) {
-  using Clock = std::chrono::steady_clock;
   Ours<core::Pack<float>> ours(shape_of(state));
   Peer<float> peer(shape_of(state));
-  constexpr int repeats = 1000;
-  std::vector<double> ratios;
-  for (auto _ : state) {
-    const auto begin = Clock::now();
-    for (int i = 0; i < repeats; ++i) ours();
-    const auto middle = Clock::now();
-    for (int i = 0; i < repeats; ++i) peer();
-    const auto end = Clock::now();
-    ratios.push_back(static_cast<double>((end - middle).count()) * ours.lanes / static_cast<double>((middle - begin).count()));
-  }
-  const auto median = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), median, ratios.end());
-  state.counters["ratio"] = *median;
+  in_turn(state, 1000, ours.lanes, [&] { ours(); }, [&] { peer(); });
 }
 
 }  // namespace

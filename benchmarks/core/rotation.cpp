@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
 // Rotations per second: exponential map, logarithm, product and rotated vectors, in float, double and on packs, beside Eigen's
 // AngleAxis and Quaternion. `rotations` counts lanes; `ratio` is packs of float over Eigen in float, both timed in turn in one run.
-#include <algorithm>
-#include <chrono>
 #include <string>
 #include <vector>
 
 #include <Eigen/Geometry>
 #include <benchmark/benchmark.h>
 
+#include "../in_turn.hpp"
 #include <traceur/core/pack.hpp>
 #include <traceur/core/random.hpp>
 #include <traceur/core/rotation.hpp>
@@ -104,22 +103,9 @@ void rotations(benchmark::State& state, void (Side::*work)()) {
 }
 
 void against_eigen(benchmark::State& state, void (Ours<core::Pack<float>>::*mine)(), void (Peer<float>::*theirs)()) {
-  using Clock = std::chrono::steady_clock;
   Ours<core::Pack<float>> ours;
   Peer<float> peer;
-  constexpr int repeats = 100;
-  std::vector<double> ratios;
-  for (auto _ : state) {
-    const auto begin = Clock::now();
-    for (int i = 0; i < repeats; ++i) (ours.*mine)();
-    const auto middle = Clock::now();
-    for (int i = 0; i < repeats; ++i) (peer.*theirs)();
-    const auto end = Clock::now();
-    ratios.push_back(static_cast<double>((end - middle).count()) * ours.lanes / static_cast<double>((middle - begin).count()));
-  }
-  const auto median = ratios.begin() + static_cast<std::ptrdiff_t>(ratios.size() / 2);
-  std::nth_element(ratios.begin(), median, ratios.end());
-  state.counters["ratio"] = *median;
+  in_turn(state, 100, ours.lanes, [&] { (ours.*mine)(); }, [&] { (peer.*theirs)(); });
 }
 
 template <class Side>
