@@ -2,16 +2,13 @@
 // Poses per second whose bodies are placed, and states whose momenta are summed, of the examples' humanoid: in double, in float
 // and on packs, beside MuJoCo's mj_kinematics (which also places geoms and inertial frames) and mj_comVel with what it needs.
 // `poses` counts lanes; `ratio` is ours, one pose at a time in double, over MuJoCo's, both timed in turn in one run.
-#include <filesystem>
-#include <memory>
-#include <stdexcept>
-#include <string>
 #include <vector>
 
 #include <benchmark/benchmark.h>
 #include <mujoco/mujoco.h>
 
 #include "../in_turn.hpp"
+#include "../mujoco_peer.hpp"
 #include <traceur/body/kinematics.hpp>
 #include <traceur/body/momentum.hpp>
 #include <traceur/core/pack.hpp>
@@ -22,10 +19,8 @@ namespace {
 
 using namespace traceur;
 
-const std::string path = (std::filesystem::path(__FILE__).parent_path() / "../../examples/characters/humanoid.xml").string();
-
 const body::Character& humanoid() {
-  static const body::Character character = io::read_mjcf(path);
+  static const body::Character character = io::read_mjcf(humanoid_file());
   return character;
 }
 
@@ -61,34 +56,21 @@ class Ours {
 
 class Peer {
  public:
-  Peer() {
-    char error[256] = "";
-    model_.reset(mj_loadXML(path.c_str(), nullptr, error, sizeof error));
-    if (!model_) throw std::runtime_error(error);
-    data_.reset(mj_makeData(model_.get()));
-    core::RandomStream random(1);
-    for (int k = 0; k < model_->nv; ++k) data_->qvel[k] = random.normal();
-  }
   void place() {
-    mj_kinematics(model_.get(), data_.get());
+    mj_kinematics(mujoco_.model(), mujoco_.data());
     benchmark::ClobberMemory();
   }
   void momenta() {
     place();
-    mj_comPos(model_.get(), data_.get());
-    mj_comVel(model_.get(), data_.get());
-    mj_subtreeVel(model_.get(), data_.get());
+    mj_comPos(mujoco_.model(), mujoco_.data());
+    mj_comVel(mujoco_.model(), mujoco_.data());
+    mj_subtreeVel(mujoco_.model(), mujoco_.data());
     benchmark::ClobberMemory();
   }
   static constexpr int lanes = 1;
 
  private:
-  struct Free {
-    void operator()(mjModel* m) const { mj_deleteModel(m); }
-    void operator()(mjData* d) const { mj_deleteData(d); }
-  };
-  std::unique_ptr<mjModel, Free> model_;
-  std::unique_ptr<mjData, Free> data_;
+  MujocoPeer mujoco_;
 };
 
 template <class Side, void (Side::*work)()>
