@@ -20,7 +20,7 @@ struct Effort {
   int one_shot_patience = 250;  ///< they improve slowly for long: their success has no second chance to add up
   int hardening_generations = 250;
   double run_slide = 5;         ///< cost of soles that slide at 1 m/s in the search for targets, of gaits with flight
-  double run_law_slide = 5;     ///< the same while their law is learnt
+  double run_law_slide = 2;     ///< the same while their law is learnt; more ties it to the ground it is learnt on
   double smoothing_s = 0.03;    ///< standard deviation of the Gaussian over the clip before the search
   double least_search_s = 3.6;  ///< gaits are searched over as many cycles as fill this, at least three
   int trials = 100;             ///< unseen starts
@@ -77,7 +77,7 @@ struct Effort {
     p.validation_episodes = 96;
     p.worlds = 4;
     p.push = 8;
-    p.slide = 10;
+    p.slide = 4;
     return p;
   }
 

@@ -8,6 +8,7 @@
 #include <type_traits>
 #include <utility>
 
+#include <Eigen/Core>
 #include <doctest/doctest.h>
 
 #include "support.hpp"
@@ -21,6 +22,8 @@ using namespace traceur::core;
 static_assert(!std::is_convertible_v<Mask<float, 4>, bool>);
 static_assert(!std::is_constructible_v<bool, Mask<float, 4>>);
 static_assert(!std::is_convertible_v<Pack<float, 4>, float>);
+// Or clang refuses matrices of them.
+static_assert(alignof(Eigen::Matrix<Pack<float, 4 * native_width<float>>, 4, 1>) <= EIGEN_MAX_STATIC_ALIGN_BYTES);
 static_assert(lane_count<double> == 1);
 static_assert(lane_count<Pack<double, 4>> == 4);
 static_assert(Pack<float>::width == native_width<float>);

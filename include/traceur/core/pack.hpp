@@ -6,6 +6,7 @@
 #endif
 
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <type_traits>
@@ -25,6 +26,14 @@ inline constexpr int native_width =
     16 / static_cast<int>(sizeof(T));
 #endif
 
+namespace detail {
+
+/// Of N numbers of type `T`: no more than of the widest register, for which Eigen aligns what it stores.
+template <class T, int N>
+inline constexpr std::size_t pack_alignment = sizeof(T) * static_cast<std::size_t>(N < native_width<T> ? N : native_width<T>);
+
+}  // namespace detail
+
 template <class T, int N>
 struct Mask;
 
@@ -35,7 +44,7 @@ struct Mask;
 template <class T, int N = native_width<T>>
 struct Pack {
   static_assert(std::is_floating_point_v<T> && N > 0 && (N & (N - 1)) == 0);
-  typedef T Vector __attribute__((vector_size(N * sizeof(T))));
+  typedef T Vector __attribute__((vector_size(N * sizeof(T)), aligned(detail::pack_alignment<T, N>)));
   static constexpr int width = N;
 
   Vector v;
