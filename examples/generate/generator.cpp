@@ -106,6 +106,19 @@ terrain::HeightGrid boxes_around(const terrain::HeadingFrame<double>& frame, dou
 
 Schedule schedule() { return Schedule::cosine(noise_levels); }
 
+/// Seconds of all clips up to each, by which they are drawn.
+std::vector<double> ends_of(const Scene& scene) {
+  std::vector<double> out;
+  for (const Material& m : scene.material) out.push_back((out.empty() ? 0 : out.back()) + m.clip.duration());
+  return out;
+}
+
+std::size_t draw_clip(const std::vector<double>& ends, core::RandomStream& random) {
+  const double at = random.uniform(0, ends.back());
+  return static_cast<std::size_t>(
+      std::min(std::upper_bound(ends.begin(), ends.end(), at) - ends.begin(), static_cast<std::ptrdiff_t>(ends.size()) - 1));
+}
+
 void add_scale(io::Safetensors& file, const Windows& windows) {
   io::add_vector(file, "scale.mean", windows.scale().mean);
   io::add_vector(file, "scale.deviation", windows.scale().deviation);
@@ -146,6 +159,54 @@ Checkpoint load(const Options& o, Windows& windows, Eigen::Index parameters) {
   c.step = static_cast<std::int64_t>(looks[0]);
   for (std::size_t i = 1; i < looks.size(); i += 2) c.milestones.push_back({looks[i], looks[i + 1]});
   return c;
+}
+
+/// A generator as it was trained.
+struct Trained {
+  Windows windows;
+  MotionGenerator net;
+  Eigen::VectorXf theta;
+};
+
+Trained read_trained(const Scene& scene, const Options& options, const fs::path& path) {
+  const io::Safetensors file = example::read_tensors(path);
+  Windows windows(FrameFeatures(scene.character.skeleton), window_parameters(options.size));
+  windows.set_scale(get_scale(file, windows.features().size()));
+  MotionGenerator net = make_network(windows, options.size);
+  Eigen::VectorXf theta(net.parameters());
+  io::read_module<float>(file, net, theta.data(), "network.");
+  return {std::move(windows), std::move(net), std::move(theta)};
+}
+
+/// Distance between a window's joints where its features have them and where forward kinematics of its rotations does, mean over
+/// generated frames, m. `x` is not scaled.
+double fk_gap(const Windows& windows, const float* x, body::Frames<float>& scratch) {
+  const FrameFeatures& features = windows.features();
+  double sum = 0;
+  for (int f = windows.parameters().past; f < windows.frames(); ++f) {
+    const float* frame = x + f * features.size();
+    features.kinematics(frame, scratch);
+    for (int i = 1; i < features.skeleton().size(); ++i)
+      sum += static_cast<double>(norm(core::Vector3<float>::from(frame + features.position(i)) - scratch.position[static_cast<std::size_t>(i)]));
+  }
+  return sum / (windows.parameters().future * features.joints());
+}
+
+motion::Clip decoded(const Windows& windows, const float* x, const terrain::HeadingFrame<double>& frame) {
+  const body::Skeleton& s = windows.features().skeleton();
+  motion::Clip clip{"window", s, Eigen::VectorXd::LinSpaced(windows.frames(), 0, windows.duration()),
+                    Eigen::MatrixXd(s.nq(), windows.frames()), Eigen::MatrixXd(s.size(), windows.frames()), false};
+  for (int f = 0; f < windows.frames(); ++f)
+    windows.features().decode(x + f * windows.features().size(), frame, clip.poses.col(f).data(), clip.contacts.col(f).data());
+  return clip;
+}
+
+/// The mean by duration of what has none of the end's distance.
+void add(Quality& sum, const Quality& q) {
+  const double share = q.seconds / (sum.seconds + q.seconds);
+  for (double Quality::*x : {&Quality::penetration_m, &Quality::contact_m, &Quality::high_jerk_share, &Quality::foot_slide_m_s})
+    sum.*x += share * (q.*x - sum.*x);
+  sum.seconds += q.seconds;
 }
 
 std::vector<int> feet_of(const body::Skeleton& skeleton) {
@@ -226,12 +287,11 @@ Training train(const Scene& scene, const Options& options) {
   Windows windows(FrameFeatures(scene.character.skeleton), window_parameters(options.size));
   std::vector<const motion::Clip*> clips;
   std::vector<terrain::HeightBounds> bounds;
-  std::vector<double> until;  // seconds of all clips up to each, by which they are drawn
+  const std::vector<double> ends = ends_of(scene);
   for (const Material& m : scene.material) {
     windows.check(m.clip);
     clips.push_back(&m.clip);
     bounds.push_back(bounds_of(scene.character, m));
-    until.push_back((until.empty() ? 0 : until.back()) + m.clip.duration());
   }
   windows.set_scale(measure_scale<float>(windows, clips));
   const MotionGenerator net = make_network(windows, options.size);
@@ -266,9 +326,7 @@ Training train(const Scene& scene, const Options& options) {
   const auto draw = [&](int j, int worker, std::int64_t step, bool elsewhere) {
     core::RandomStream random(options.seed + 1, static_cast<std::uint64_t>(j), static_cast<std::uint64_t>(step));
     const auto k = static_cast<std::size_t>(j);
-    const double at = random.uniform(0, until.back());
-    const auto m = static_cast<std::size_t>(
-        std::min(std::upper_bound(until.begin(), until.end(), at) - until.begin(), static_cast<std::ptrdiff_t>(until.size()) - 1));
+    const std::size_t m = draw_clip(ends, random);
     Windows::Scratch& w = scratch[static_cast<std::size_t>(worker)];
     grounds[k].emplace(terrain::augmented(bounds[m], {}, random));
     const core::RandomStream again = random;
@@ -358,12 +416,7 @@ Course make_course(const Options& options) {
 
 Generated generate_along(const Scene& scene, const Options& options, const Course& course, const fs::path& path) {
   core::ThreadExecutor executor(options.threads);
-  const io::Safetensors file = example::read_tensors(path);
-  Windows windows(FrameFeatures(scene.character.skeleton), window_parameters(options.size));
-  windows.set_scale(get_scale(file, windows.features().size()));
-  const MotionGenerator net = make_network(windows, options.size);
-  Eigen::VectorXf theta(net.parameters());
-  io::read_module<float>(file, net, theta.data(), "network.");
+  const auto [windows, net, theta] = read_trained(scene, options, path);
   NetworkDenoiser<float, MotionGenerator, core::ThreadExecutor> denoiser(net, theta.data(), executor, options.batch);
   BlendedDenoiser<float, decltype(denoiser)> blended(denoiser, {past_seen, 0.5}, options.batch);
   LongHorizonParameters p;
@@ -404,17 +457,60 @@ Generated generate_along(const Scene& scene, const Options& options, const Cours
 
 Quality quality_of(const Scene& scene) {
   Quality sum;
-  for (std::size_t i = 0; i < scene.material.size(); i += 2) {
-    const Quality q = measure(scene.character, scene.material[i].clip, scene.material[i].ground, nullptr);
-    sum.penetration_m += q.seconds * q.penetration_m;
-    sum.contact_m += q.seconds * q.contact_m;
-    sum.high_jerk_share += q.seconds * q.high_jerk_share;
-    sum.foot_slide_m_s += q.seconds * q.foot_slide_m_s;
-    sum.seconds += q.seconds;
-  }
-  for (double Quality::*x : {&Quality::penetration_m, &Quality::contact_m, &Quality::high_jerk_share, &Quality::foot_slide_m_s})
-    sum.*x /= sum.seconds;
+  for (std::size_t i = 0; i < scene.material.size(); i += 2)
+    add(sum, measure(scene.character, scene.material[i].clip, scene.material[i].ground, nullptr));
   return sum;
+}
+
+WindowsQuality quality_of_windows(const Scene& scene, const Options& options, const fs::path& path) {
+  core::ThreadExecutor executor(options.threads);
+  const Trained t = read_trained(scene, options, path);
+  const Windows& windows = t.windows;
+  WindowsQuality out;
+  const Eigen::Index size = windows.sample_features();
+  Matrix truth(size, out.count), x(size, out.count), conditions(windows.condition_features(), out.count);
+  std::vector<terrain::HeadingFrame<double>> frames;
+  std::vector<const Material*> of;
+  Windows::Scratch scratch = windows.scratch();
+  const std::vector<double> ends = ends_of(scene);
+  for (Eigen::Index j = 0; j < out.count; ++j) {
+    core::RandomStream random(options.seed + 4, static_cast<std::uint64_t>(j), 0);
+    of.push_back(&scene.material[draw_clip(ends, random)]);
+    frames.push_back(windows.draw(of.back()->clip, of.back()->ground, random, scratch, truth.col(j).data(), conditions.col(j).data()));
+    // Training's past is noisy, this one is not.
+    std::copy_n(truth.col(j).data(), windows.parameters().past * windows.features().size(), conditions.col(j).data() + windows.past_row());
+  }
+  NetworkDenoiser<float, MotionGenerator, core::ThreadExecutor> denoiser(t.net, t.theta.data(), executor, out.count);
+  BlendedDenoiser<float, decltype(denoiser)> blended(denoiser, {past_seen, 0.5}, out.count);
+  WindowProjection<float> project(windows);
+  project.set_condition({conditions}, past_part);
+  body::Frames<float> kinematics(scene.character.skeleton);
+  Eigen::VectorXf window(size);
+  const auto mean_gap = [&](const auto& samples) {
+    double sum = 0;
+    for (Eigen::Index j = 0; j < out.count; ++j) {
+      window = samples.col(j);
+      windows.scale().undo(window.data(), windows.frames());
+      sum += fk_gap(windows, window.data(), kinematics);
+    }
+    return sum / out.count;
+  };
+  draw_noise<float>(x, options.seed + 5);
+  Ddim<float> ddim(schedule(), stride, size, out.count);
+  ddim.sample(blended, {conditions}, x, [&](nn::Matrix<float> clean) {
+    out.generated_fk_gap_m = mean_gap(clean);  // of the last estimate, in the end
+    project(clean);
+  });
+  out.clips_fk_gap_m = mean_gap(truth);
+  for (Eigen::Index j = 0; j < out.count; ++j) {
+    const auto k = static_cast<std::size_t>(j);
+    for (const auto& [samples, quality] : {std::pair{&x, &out.generated}, std::pair{&truth, &out.clips}}) {
+      window = samples->col(j);
+      windows.scale().undo(window.data(), windows.frames());
+      add(*quality, measure(scene.character, decoded(windows, window.data(), frames[k]), of[k]->ground, nullptr));
+    }
+  }
+  return out;
 }
 
 }  // namespace generate

@@ -80,4 +80,14 @@ Generated generate_along(const Scene& scene, const Options& options, const Cours
 /// Of the material itself, over all clips that are not mirror images.
 Quality quality_of(const Scene& scene);
 
+/// Windows of half a second that the generator makes from their two past frames, target and ground, beside those of the
+/// clips which these were taken from.
+struct WindowsQuality {
+  int count = 100;
+  Quality generated, clips;
+  double generated_fk_gap_m = 0;  ///< between joints where features have them and where forward kinematics does, mean
+  double clips_fk_gap_m = 0;
+};
+WindowsQuality quality_of_windows(const Scene& scene, const Options& options, const std::filesystem::path& file);
+
 }  // namespace generate

@@ -84,7 +84,8 @@ void work(const Options& o, const Scene& scene, Json& report) {
   }
   const Course course = make_course(o);
   io::write_terrain(o.out / "terrain.json", course.ground);
-  const Generated g = generate_along(scene, o, course, o.play.empty() ? o.out / "generator.safetensors" : o.play);
+  const std::filesystem::path generator = o.play.empty() ? o.out / "generator.safetensors" : o.play;
+  const Generated g = generate_along(scene, o, course, generator);
   io::write_clip(o.out / "motion.jsonl", g.corrected);
   Json path = Json::array();
   for (const auto& node : course.path) path.push_back({node.x, node.y, node.z});
@@ -100,11 +101,18 @@ void work(const Options& o, const Scene& scene, Json& report) {
   report["clips"] = to_json(clips);
   report["generated"] = to_json(g.best_quality);
   report["corrected"] = to_json(g.corrected_quality);
+  const WindowsQuality windows = quality_of_windows(scene, o, generator);
+  report["windows"] = {{"count", windows.count}, {"generated", to_json(windows.generated)}, {"clips", to_json(windows.clips)}};
+  report["windows"]["generated"]["fk_gap_m"] = windows.generated_fk_gap_m;
+  report["windows"]["clips"]["fk_gap_m"] = windows.clips_fk_gap_m;
   report["simulated_s"] = g.corrected_quality.seconds;
   facts.emplace_back("motions", std::to_string(g.arrived) + " of " + std::to_string(g.motions) + " came to the end of the path");
   facts.emplace_back("clips", words(clips));
   facts.emplace_back("generated", words(g.best_quality));
   facts.emplace_back("corrected", words(g.corrected_quality));
+  facts.emplace_back("windows", std::to_string(windows.count) + " generated: joints " + rounded(1000 * windows.generated_fk_gap_m, 1) +
+                                    " mm off their rotations', " + words(windows.generated));
+  facts.emplace_back("windows of clips", words(windows.clips));
   facts.emplace_back("time", rounded(g.generation_wall_s, 2) + " s to generate, " + rounded(g.correction_wall_s, 2) + " s to correct");
   for (const auto& [name, text] : facts) std::printf("%s: %s\n", name.c_str(), text.c_str());
   write_replay(o.out / "replay.html", scene, course, g, facts);

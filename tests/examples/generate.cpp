@@ -29,6 +29,13 @@ TEST_CASE("generate trains, generates and corrects in seconds, on any number of 
         0.5 * report["generated"]["penetration_per_frame_m"].get<double>() + 1e-3);
   CHECK(report["corrected"]["high_jerk_share"].get<double>() <= report["generated"]["high_jerk_share"].get<double>());
   CHECK(report["clips"]["duration_s"].get<double>() > 0.5);
+  // What a clip's features say of its joints, its rotations do too; what so little training has made of them not quite.
+  const nlohmann::json windows = report["windows"];
+  CHECK(windows["count"] == 100);
+  CHECK(windows["clips"]["fk_gap_m"].get<double>() < 1e-6);
+  CHECK(windows["generated"]["fk_gap_m"].get<double>() > 1e-4);
+  CHECK(windows["generated"]["fk_gap_m"].get<double>() < 0.2);
+  CHECK(windows["generated"]["foot_slide_m_s"].get<double>() > windows["clips"]["foot_slide_m_s"].get<double>());
   for (const char* file : {"replay.html", "curves.html", "motion.jsonl", "terrain.json", "generator.safetensors"})
     CHECK(fs::file_size(one / file) > 500);
 
