@@ -5,6 +5,7 @@
 
 #include <doctest/doctest.h>
 
+#include "../core/support.hpp"
 #include "support.hpp"
 #include <traceur/body/pose.hpp>
 
@@ -100,4 +101,29 @@ TEST_CASE("momentum: a spinning body by the textbook") {
   CHECK(norm(m.linear - Vector{2, 0, 0}) == 0);
   CHECK(norm(m.angular - Vector{4, 10, 18}) == 0);
   CHECK(m.kinetic_energy == 0.5 * (2 * 1 + 1 * 16 + 2 * 25 + 3 * 36));
+}
+
+TEST_CASE_TEMPLATE("momentum: every scalar gives what double gives", S, TRACEUR_TEST_SCALARS) {
+  const Character c = creature();
+  RandomStream random(14);
+  const Eigen::VectorXd q = random_pose(c.skeleton, random), v = random_tangent(c.skeleton, random, 3);
+  const auto of = [&]<class N>(N) {
+    std::vector<N> nq, nv;
+    for (const double x : q) nq.push_back(N(static_cast<traceur::core::Element<N>>(x)));
+    for (const double x : v) nv.push_back(N(static_cast<traceur::core::Element<N>>(x)));
+    Frames<N> frames(c.skeleton);
+    Twists<N> twists(c.skeleton);
+    forward_kinematics(c.skeleton, nq.data(), frames);
+    forward_velocities(c.skeleton, frames, nv.data(), twists);
+    return momentum(c, frames, twists);
+  };
+  const Momentum<double> exact = of(0.0);
+  const Momentum<S> m = of(S(0));
+  const double tolerance = 100 * law::unit<S>() * c.total_mass();
+  for (int l = 0; l < traceur::core::lane_count<S>; ++l) {
+    CHECK(std::abs(law::number(m.center_of_mass.x, l) - exact.center_of_mass.x) < tolerance);
+    CHECK(std::abs(law::number(m.linear.z, l) - exact.linear.z) < tolerance);
+    CHECK(std::abs(law::number(m.angular.y, l) - exact.angular.y) < tolerance);
+    CHECK(std::abs(law::number(m.kinetic_energy, l) - exact.kinetic_energy) < tolerance * (1 + exact.kinetic_energy));
+  }
 }

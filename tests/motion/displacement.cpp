@@ -3,7 +3,9 @@
 
 #include <doctest/doctest.h>
 
+#include "../core/support.hpp"
 #include "figure.hpp"
+#include <traceur/motion/time_warp.hpp>
 
 using namespace traceur;
 using namespace figure;
@@ -142,4 +144,38 @@ TEST_CASE("errors name the clip and the frame") {
   longer.times *= 2;
   CHECK(fails_with([&] { motion::displacement_between(clip, longer); }, "same duration"));
   CHECK(fails_with([&] { motion::displacement_trace(clip, Vec::Zero(3), clip.poses); }, "one pose of"));
+}
+
+TEST_CASE("exact samples are the same in single precision, and dual numbers carry the derivative of warp and displacement") {
+  std::mt19937_64 rng(27);
+  Gait g;
+  const auto clip = gait(g, g.period, 13, true);
+  const auto d = random_displacement(rng, clip.skeleton, 6, clip.duration(), 0.3);
+  const Vec direction = Vec::NullaryExpr(d.values.size(), [&] { return uniform(rng, -1, 1); });
+  // The pose at time t of the motion displaced along the direction by e, and played faster by exp(e) in its first half.
+  const auto pose = [&]<class S>(const S& e, double t) {
+    motion::Displacement<S> moved{d.times, d.values.cast<S>()};
+    for (Eigen::Index i = 0; i < d.values.size(); ++i) moved.values.data()[i] += e * S(static_cast<core::Element<S>>(direction[i]));
+    Eigen::Matrix<S, Eigen::Dynamic, 1> tau(2);
+    tau << e, S(0);
+    const motion::TimeWarp<S> warp(tau, clip.duration() / 2);
+    Eigen::Matrix<S, Eigen::Dynamic, 1> q(clip.skeleton.nq()), scratch(clip.skeleton.nv());
+    motion::sample_displaced(clip, moved, warp.phase(S(static_cast<core::Element<S>>(t))), q.data(), scratch.data());
+    return q;
+  };
+  for (const double share : {0.13, 0.41, 0.77}) {
+    const double t = share * clip.duration();
+    const Vec q = pose(0.0, t);
+    CHECK((pose(0.0F, t).cast<double>() - q).cwiseAbs().maxCoeff() < 1e-5);
+#ifdef TRACEUR_TEST_JET_HEADER
+    using Jet = ceres::Jet<double, 1>;
+    const auto dual = pose(Jet(0.0, 0), t);
+    constexpr double h = 1e-6;
+    const Vec slope = (pose(h, t) - pose(-h, t)) / (2 * h);
+    for (Eigen::Index i = 0; i < q.size(); ++i) {
+      CHECK(dual[i].a == doctest::Approx(q[i]).epsilon(1e-12));
+      CHECK(dual[i].v[0] == doctest::Approx(slope[i]).epsilon(1e-6).scale(1.0));
+    }
+#endif
+  }
 }
