@@ -296,10 +296,10 @@ Learned Performer::harden(const control::Controller& c) {
 }
 
 Learned Performer::tune_for_engine(const control::Controller& c, double seconds) {
+  // Few trials tell little of the share that holds: laws which hold in harder ones have something left over.
   constexpr int trials = 16;
-  // As few trials tell little of the share that holds: laws which hold in harder ones have something left over.
-  constexpr double margin = 1.5;
-  const auto moved_further = [](control::Perturbation p) {
+  constexpr double margins[] = {1.0, 1.5};
+  const auto moved = [](control::Perturbation p, double margin) {
     p.root_velocity *= margin;
     p.joint_angle *= margin;
     return p;
@@ -315,30 +315,37 @@ Learned Performer::tune_for_engine(const control::Controller& c, double seconds)
       return survived != other.survived ? survived > other.survived : seconds > other.seconds;
     }
   } best;
+  double looked_at = 0, look_s = 0;
   ProgressLine line("fine-tuning, second", 0, static_cast<int>(std::ceil(seconds)));
   const auto tell = [&](const char* what, int generation) {
     char text[120];
-    std::snprintf(text, sizeof text, "%s, generation %d, %d of %d trials survived", what, generation, std::max(0, best.survived), trials);
+    std::snprintf(text, sizeof text, "%s, generation %d, %d of %d trials survived", what, generation, std::max(0, best.survived),
+                  2 * trials);
     line.tell(std::min(static_cast<int>(clock.seconds()), static_cast<int>(seconds)), text);
     return !interruption_asked();
   };
   /// Takes a law that does better there. Returns whether there is nothing more to learn.
   const auto consider = [&](const Eigen::VectorXd& law) {
+    const double begun = clock.seconds();
     control::Controller trial = c;
     trial.law = law;
     Score score{0, 0};
-    control::EpisodeSettings e = settings(c, tuning_stream);
-    e.starts = moved_further(e.starts);
-    for (const control::EpisodeResult& r : control::run_episodes(there, trial, e, trials, executor_)) {
-      score.survived += c.cyclic ? r.survived : r.reached_end;
-      score.seconds += r.seconds;
-      out.simulated_s += r.seconds;
+    for (const double margin : margins) {
+      control::EpisodeSettings e = settings(c, tuning_stream);
+      e.starts = moved(e.starts, margin);
+      for (const control::EpisodeResult& r : control::run_episodes(there, trial, e, trials, executor_)) {
+        score.survived += c.cyclic ? r.survived : r.reached_end;
+        score.seconds += r.seconds;
+        out.simulated_s += r.seconds;
+      }
     }
     if (score > best) {
       best = score;
       out.controller.law = law;
     }
-    return best.survived == trials;
+    looked_at = clock.seconds();
+    look_s = looked_at - begun;
+    return best.survived == 2 * trials;
   };
   const auto goes_on = [&](double until) { return clock.seconds() < until && !interruption_asked(); };
   try {
@@ -346,30 +353,33 @@ Learned Performer::tune_for_engine(const control::Controller& c, double seconds)
     if (!holds) {
       // The bundled simulator learns some hundred times as fast.
       control::FeedbackLearning other_worlds = for_job(Effort::hardening(), c);
-      other_worlds.starts_moved = moved_further(other_worlds.starts_moved);
-      const double until = clock.seconds() + 0.6 * (seconds - clock.seconds());
-      const control::FeedbackProgress s = control::learn_feedback(here, c, other_worlds, executor_,
-                                                                  [&](const control::FeedbackProgress& now, const optimize::CmaEs&) {
-                                                                    return tell("other worlds", now.generation) && goes_on(until);
-                                                                  });
-      out.generations += s.generation;
-      out.simulated_s += s.simulated_seconds;
-      if (!interruption_asked()) holds = consider(s.best_law);
+      other_worlds.starts_moved = moved(other_worlds.starts_moved, margins[1]);
+      const double until = clock.seconds() + 0.7 * (seconds - clock.seconds());
+      double simulated = 0;
+      control::learn_feedback(here, c, other_worlds, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
+        ++out.generations;
+        out.simulated_s += s.simulated_seconds - simulated;
+        simulated = s.simulated_seconds;
+        const bool last = !goes_on(until);
+        if ((last && !interruption_asked()) || clock.seconds() - looked_at > 2 * look_s) holds = consider(s.best_law);
+        return tell("other worlds", s.generation) && !holds && !last;
+      });
     }
     if (!holds && !interruption_asked()) {
       const control::FeedbackLearning its_own = for_job(Effort::fine_tuning(), c);
       const control::Controller start = out.controller;
       double simulated = 0;
-      control::learn_feedback(there, start, its_own, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
-        out.controller.law = s.best_law;
-        ++out.generations;
-        out.simulated_s += s.simulated_seconds - simulated;
-        simulated = s.simulated_seconds;
-        return tell("on the engine", s.generation) && goes_on(seconds);
-      });
+      const control::FeedbackProgress last =
+          control::learn_feedback(there, start, its_own, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
+            ++out.generations;
+            out.simulated_s += s.simulated_seconds - simulated;
+            simulated = s.simulated_seconds;
+            return tell("on the engine", s.generation) && goes_on(seconds - 1.5 * look_s);
+          });
+      if (!interruption_asked()) consider(last.best_law);
     }
   } catch (const TimeIsUp&) {
-    // What is left of an unfinished generation is of no use.
+    // What is left of an unfinished generation or trial is of no use.
   }
   if (interruption_asked()) throw Interrupted{};
   out.wall_s = clock.seconds();
