@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 // Steps of the humanoid per second, all lanes counted, 1/480 s each: in flight, standing, and lying after a fall with
-// its limbs in motion. `steps` is the rate to compare; it counts CPU time of one thread.
+// its limbs in motion. `steps` is the rate to compare; it counts CPU time of one thread. `save` and `restore` copy the whole state
+// of one lane after another.
 #include <filesystem>
+#include <vector>
 
 #include <benchmark/benchmark.h>
 
@@ -51,6 +53,28 @@ void world(benchmark::State& state) {
       benchmark::Counter(static_cast<double>(state.iterations()) * steps * lanes, benchmark::Counter::kIsRate);
 }
 
+template <class S, bool back>
+void copy_state(benchmark::State& state) {
+  const auto here = std::filesystem::path(__FILE__).parent_path();
+  const auto humanoid = traceur::io::read_mjcf(here / "../../examples/characters/humanoid.xml");
+  constexpr int lanes = 64;
+  traceur::sim::World<S> w(humanoid, lanes);
+  const auto size = static_cast<std::size_t>(w.state_size());
+  std::vector<traceur::core::Element<S>> saved(lanes * size);
+  for (int l = 0; l < lanes; ++l) w.save(l, saved.data() + static_cast<std::size_t>(l) * size);
+  int lane = 0;
+  for (auto _ : state) {
+    lane = (lane + 1) % lanes;
+    auto* const at = saved.data() + static_cast<std::size_t>(lane) * size;
+    if (back)
+      w.restore(lane, at);
+    else
+      w.save(lane, at);
+    benchmark::ClobberMemory();
+  }
+  state.counters["bytes"] = static_cast<double>(size * sizeof(saved[0]));
+}
+
 using Wide = traceur::core::Pack<float>;
 using Doubles = traceur::core::Pack<double>;
 
@@ -65,3 +89,7 @@ BENCHMARK(world<Doubles, Scene::standing>)->Arg(1);
 BENCHMARK(world<Wide, Scene::flight>)->Arg(1)->Arg(16);
 BENCHMARK(world<Wide, Scene::standing>)->Arg(1)->Arg(16);
 BENCHMARK(world<Wide, Scene::lying>)->Arg(1)->Arg(16);
+BENCHMARK(copy_state<float, false>)->Name("save/float");
+BENCHMARK(copy_state<float, true>)->Name("restore/float");
+BENCHMARK(copy_state<Wide, false>)->Name("save/pack_float");
+BENCHMARK(copy_state<Wide, true>)->Name("restore/pack_float");

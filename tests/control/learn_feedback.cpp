@@ -106,7 +106,20 @@ TEST_CASE("the cost of an episode") {
   CHECK(control::episode_cost({}, 2, true) == 20);
 }
 
-TEST_CASE("a few generations learn to keep standing; threads and interruptions do not show") {
+TEST_CASE("a few generations learn to keep standing") {
+  // How far twelve generations get is luck, six times that is not.
+  double before = 0, after = 0;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    Task task(false);
+    task.settings.seed = seed;
+    before += task.validate(task.c.law);
+    after += task.validate(task.learn().best_law);
+  }
+  MESSAGE("validations ", before, " without feedback, ", after, " with");
+  CHECK(after < 0.93 * before);
+}
+
+TEST_CASE("threads and interruptions do not show in a law") {
   Task task(false);
   std::vector<FeedbackProgress> history;
   std::optional<CmaEs> halfway;
@@ -121,10 +134,7 @@ TEST_CASE("a few generations learn to keep standing; threads and interruptions d
   REQUIRE(history.size() == 12);
   CHECK(same(done, history.back()));
 
-  const double before = task.validate(task.c.law), after = task.validate(done.best_law);
-  MESSAGE("validation ", before, " without feedback, ", after, " with");
-  CHECK(after == doctest::Approx(done.best_validation).epsilon(1e-12));
-  CHECK(after < 0.9 * before);
+  CHECK(task.validate(done.best_law) == doctest::Approx(done.best_validation).epsilon(1e-12));
   for (std::size_t k = 1; k < history.size(); ++k) {
     CHECK(history[k].best_validation <= history[k - 1].best_validation);
     CHECK(history[k].perturbation >= history[k - 1].perturbation);

@@ -26,7 +26,7 @@ TEST_CASE("terrain_runner runs a course with the skills that come with it") {
   CHECK(fs::file_size(out / "replay.html") > 10000);
 }
 
-TEST_CASE("courses go the same on any number of threads, some are completed, and without feedback none") {
+TEST_CASE("courses go the same on any number of threads, most are completed, and without feedback hardly one") {
   const fs::path folder = fresh("terrain_runner", "evaluate");
   const auto evaluate = [&](const char* name, const std::string& more) {
     const fs::path out = folder / name;
@@ -38,9 +38,9 @@ TEST_CASE("courses go the same on any number of threads, some are completed, and
   const nlohmann::json one = evaluate("one", "--threads 1"), two = evaluate("two", "--threads 2");
   CHECK(one == two);
   CHECK(one["courses"] == 16);
-  CHECK(one["completed"].get<int>() >= 3);
+  CHECK(one["completed"].get<int>() >= 12);
   const nlohmann::json blind = evaluate("blind", "--threads 2 --without feedback");
-  CHECK(blind["completed"] == 0);
+  CHECK(blind["completed"].get<int>() <= 4);
 }
 
 TEST_CASE("an interrupted evaluation says no more than that") {
