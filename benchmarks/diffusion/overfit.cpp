@@ -109,4 +109,4 @@ void overfit(benchmark::State& state) {
 
 }  // namespace
 
-BENCHMARK(overfit)->Arg(600)->Iterations(1)->MeasureProcessCPUTime()->UseRealTime()->Unit(benchmark::kSecond);
+BENCHMARK(overfit)->Arg(600)->Arg(3000)->Iterations(1)->MeasureProcessCPUTime()->UseRealTime()->Unit(benchmark::kSecond);
