@@ -43,7 +43,7 @@ canvas:active { cursor: grabbing; }
 #about summary { cursor: pointer; color: var(--soft); margin-top: 3px; }
 #about table { border-collapse: collapse; margin-top: 4px; width: 100%; }
 #about td { padding: 2px 0; vertical-align: top; overflow-wrap: anywhere; }
-#about td:first-child { color: var(--soft); padding-right: 14px; }
+#about td:first-child { color: var(--soft); padding-right: 14px; min-width: 76px; }
 #about td:last-child { text-align: right; font-variant-numeric: tabular-nums; }
 #legend { padding: 6px; display: flex; flex-direction: column; gap: 2px; max-width: 260px; max-height: 45vh; overflow: auto;
   margin-left: auto; }
