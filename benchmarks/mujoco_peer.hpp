@@ -1,21 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <stdexcept>
-#include <string>
 
 #include <mujoco/mujoco.h>
 
+#include "humanoid.hpp"
 #include <traceur/core/random.hpp>
-
-/// The character that models are compared with.
-inline const std::string& humanoid_file() {
-  static const std::string path =
-      (std::filesystem::path(__FILE__).parent_path() / "../examples/characters/humanoid.xml").string();
-  return path;
-}
 
 /// MuJoCo's humanoid in its neutral pose, with random velocities.
 class MujocoPeer {

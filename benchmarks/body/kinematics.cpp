@@ -7,22 +7,17 @@
 #include <benchmark/benchmark.h>
 #include <mujoco/mujoco.h>
 
+#include "../humanoid.hpp"
 #include "../in_turn.hpp"
 #include "../mujoco_peer.hpp"
 #include <traceur/body/kinematics.hpp>
 #include <traceur/body/momentum.hpp>
 #include <traceur/core/pack.hpp>
 #include <traceur/core/random.hpp>
-#include <traceur/io/mjcf.hpp>
 
 namespace {
 
 using namespace traceur;
-
-const body::Character& humanoid() {
-  static const body::Character character = io::read_mjcf(humanoid_file());
-  return character;
-}
 
 template <class S>
 class Ours {

@@ -7,21 +7,16 @@
 #include <benchmark/benchmark.h>
 #include <mujoco/mujoco.h>
 
+#include "../humanoid.hpp"
 #include "../in_turn.hpp"
 #include "../mujoco_peer.hpp"
 #include <traceur/core/pack.hpp>
 #include <traceur/core/random.hpp>
-#include <traceur/io/mjcf.hpp>
 #include <traceur/sim/dynamics.hpp>
 
 namespace {
 
 using namespace traceur;
-
-const body::Character& humanoid() {
-  static const body::Character character = io::read_mjcf(humanoid_file());
-  return character;
-}
 
 template <class S>
 class Ours {

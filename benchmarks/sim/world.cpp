@@ -2,13 +2,12 @@
 // Steps of the humanoid per second, all lanes counted, 1/480 s each: in flight, standing, and lying after a fall with
 // its limbs in motion. `steps` is the rate to compare; it counts CPU time of one thread. `save` and `restore` copy the whole state
 // of one lane after another.
-#include <filesystem>
 #include <vector>
 
 #include <benchmark/benchmark.h>
 
+#include "../humanoid.hpp"
 #include <traceur/core/random.hpp>
-#include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>
 
 namespace {
@@ -18,11 +17,9 @@ enum class Scene { flight, standing, lying };
 
 template <class S, Scene scene>
 void world(benchmark::State& state) {
-  const auto here = std::filesystem::path(__FILE__).parent_path();
-  const auto humanoid = traceur::io::read_mjcf(here / "../../examples/characters/humanoid.xml");
-  const auto& s = humanoid.skeleton;
+  const auto& s = humanoid().skeleton;
   const int lanes = static_cast<int>(state.range(0)) * traceur::core::lane_count<S>;
-  traceur::sim::World<S> w(humanoid, lanes);
+  traceur::sim::World<S> w(humanoid(), lanes);
   Eigen::VectorXd q = s.neutral_pose(), v = Eigen::VectorXd::Zero(s.nv());
   q[2] = scene == Scene::flight ? 1e3 : 0.8835;
   if (scene != Scene::flight) {
@@ -55,10 +52,8 @@ void world(benchmark::State& state) {
 
 template <class S, bool back>
 void copy_state(benchmark::State& state) {
-  const auto here = std::filesystem::path(__FILE__).parent_path();
-  const auto humanoid = traceur::io::read_mjcf(here / "../../examples/characters/humanoid.xml");
   constexpr int lanes = 64;
-  traceur::sim::World<S> w(humanoid, lanes);
+  traceur::sim::World<S> w(humanoid(), lanes);
   const auto size = static_cast<std::size_t>(w.state_size());
   std::vector<traceur::core::Element<S>> saved(lanes * size);
   for (int l = 0; l < lanes; ++l) w.save(l, saved.data() + static_cast<std::size_t>(l) * size);

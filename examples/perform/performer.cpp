@@ -367,10 +367,9 @@ Learned Performer::tune_for_engine(const control::Controller& c, double seconds)
     }
     if (!holds && !interruption_asked()) {
       const control::FeedbackLearning its_own = for_job(Effort::fine_tuning(), c);
-      const control::Controller start = out.controller;
       double simulated = 0;
       const control::FeedbackProgress last =
-          control::learn_feedback(there, start, its_own, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
+          control::learn_feedback(there, out.controller, its_own, executor_, [&](const control::FeedbackProgress& s, const optimize::CmaEs&) {
             ++out.generations;
             out.simulated_s += s.simulated_seconds - simulated;
             simulated = s.simulated_seconds;

@@ -16,6 +16,11 @@ using namespace traceur::learn;
 
 namespace {
 
+Ppo<> three_layers(Eigen::Index seen, int environments, const PpoParameters& p) {
+  return Ppo<>(nn::Mlp<>({seen, 64, 64, 1}), nn::Mlp<>({seen, 64, 64, 1}),
+               nn::GaussianHead(1, 1.0, nn::GaussianHead::Deviation::learned), environments, p);
+}
+
 template <class E>
 EpisodeReport judge(Ppo<>& ppo, E&& fresh, int steps) {
   fresh.reset(12345);
@@ -34,8 +39,7 @@ TEST_CASE("a pendulum is swung up after 307200 samples") {
     p.steps = 1024;
     p.minibatch = 256;
     p.policy_rate = p.value_rate = 1e-3;
-    Ppo<> ppo(nn::Mlp<>({3, 64, 64, 1}), nn::Mlp<>({3, 64, 64, 1}),
-              nn::GaussianHead(1, 1.0, nn::GaussianHead::Deviation::learned), 4, p);
+    Ppo<> ppo = three_layers(3, 4, p);
     Pendulum<float> environments(4);
     CHECK(judge(ppo, Pendulum<float>(200), 200).mean() < -1000);
     PpoReport report;
@@ -58,8 +62,7 @@ TEST_CASE("a pole is balanced for 500 steps from every start") {
   p.gamma = 0.99;
   p.reward_scale = 0.05;
   p.policy_rate = p.value_rate = 2e-3;
-  Ppo<> ppo(nn::Mlp<>({4, 64, 64, 1}), nn::Mlp<>({4, 64, 64, 1}),
-            nn::GaussianHead(1, 1.0, nn::GaussianHead::Deviation::learned), 16, p);
+  Ppo<> ppo = three_layers(4, 16, p);
   CartPole<float> environments(16);
   for (int i = 0; i < 80; ++i) ppo.iterate(environments);
   const EpisodeReport report = judge(ppo, CartPole<float>(100), 500);
