@@ -2,14 +2,15 @@
 // Kernels beside what else there is, in one process on one thread. Times are CPU seconds of the thread, the least of
 // several turns. Each ratio is the peer's time over ours, or the bar's: above 1 is better.
 //
-//   signed_distance_100, _16  a point's signed distance from a terrain of so many cells squared: 150 and 4 times faster
-//   than
-//                             the union of all columns in vector registers, outside the ground and within its bounds
+//   signed_distance_100, _16  a point's signed distance from a terrain of so many cells squared, one point at a time:
+//                             150 and 4 times faster than the union of all columns in vector registers, outside the
+//                             ground, up to 1.8 m above it and within its bounds
 //   elite_insert_query        an insertion and five nearest of 100 000 elites in 4-D: 5 microseconds
 //   nearest_nanoflann         the five nearest alone beside nanoflann's static tree, if it is installed
 //   dtw                       300 x 300 frames x 100 features in float: 0.9 ms
 //   rbf_*                     r basis, degree 1, two parameters, 40 outputs; 200 and 2000 centres; solve and 10 000
-//   values cma_es_*                  ask and tell of a default population in so many dimensions
+//                             values
+//   cma_es_*                  ask and tell of a default population in so many dimensions
 //
 // The bars are the best known C++ programs on a machine of this kind. Ends with lines `ratio NAME VALUE`.
 #include <algorithm>
@@ -118,25 +119,47 @@ void signed_distance(int cells, double bar) {
     const float x = table.x0 + side * random.uniform<float>(), y = table.y0 + side * random.uniform<float>();
     points.push_back({x, y, static_cast<float>(grid.height(double{x}, double{y})) + 1.8F * random.uniform<float>()});
   }
+  using P = core::Pack<float>;
+  std::vector<core::Vector3<P>> packs(points.size() / P::width);
+  for (std::size_t k = 0; k < packs.size() * P::width; ++k) {
+    core::Vector3<P>& pack = packs[k / P::width];
+    const int lane = static_cast<int>(k % P::width);
+    pack.x.set(lane, points[k].x);
+    pack.y.set(lane, points[k].y);
+    pack.z.set(lane, points[k].z);
+  }
   float sum = 0, off = 0;
   const std::size_t few = cells > 50 ? 256 : 4096;
-  const double peer = least(10,
+  const double peer = least(20,
                             [&] {
+                              float all = 0;
                               for (std::size_t k = 0; k < few; ++k)
-                                sum += brute_force(table, middles, points[k].x, points[k].y, points[k].z);
+                                all += brute_force(table, middles, points[k].x, points[k].y, points[k].z);
+                              sum += all;
                             }) /
                       static_cast<double>(few);
-  const double ours = least(20,
+  const double ours = least(200,
                             [&] {
-                              for (const auto& q : points) sum += terrain::signed_distance(grid, q);
+                              float all = 0;
+                              for (const auto& q : points) all += terrain::signed_distance(grid, q);
+                              sum += all;
                             }) /
                       static_cast<double>(points.size());
+  const double together = least(200,
+                                [&] {
+                                  P all(0.0);
+                                  for (const auto& q : packs) all += terrain::signed_distance(grid, q);
+                                  sum += all[0];
+                                }) /
+                          static_cast<double>(packs.size() * P::width);
   for (std::size_t k = 0; k < few; ++k)
     off = std::max(off, std::abs(brute_force(table, middles, points[k].x, points[k].y, points[k].z) -
                                  terrain::signed_distance(grid, points[k])));
   std::printf(
-      "signed_distance cells %d ours_ns %.1f brute_force_ns %.1f times %.1f largest_difference_m %.1e (sum %.0f)\n",
-      cells, 1e9 * ours, 1e9 * peer, peer / ours, static_cast<double>(off), static_cast<double>(sum));
+      "signed_distance cells %d ours_ns %.1f in_packs_ns %.1f brute_force_ns %.1f times %.1f in_packs_times %.1f "
+      "largest_difference_m %.1e (sum %.0f)\n",
+      cells, 1e9 * ours, 1e9 * together, 1e9 * peer, peer / ours, peer / together, static_cast<double>(off),
+      static_cast<double>(sum));
   ratio("signed_distance_" + std::to_string(cells), peer / ours / bar);
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <tuple>
 #include <vector>
 
 #include <doctest/doctest.h>
@@ -234,4 +235,95 @@ TEST_CASE("signed distance: far points") {
   CHECK(signed_distance(g, Vector{1, 2, -1e6}) == doctest::Approx(-1e6 - g.lowest()).epsilon(1e-6));
   // Outside all that matters is the border row.
   CHECK(signed_distance(g, Vector{-1e6, 2, 3}) == doctest::Approx(signed_distance(g, Vector{-1e3, 2, 3})));
+}
+
+namespace {
+
+/// The distance to the union of all columns of ground, or of air for a point inside, each looked at.
+double union_of_columns(const HeightGrid& g, const Vector& p) {
+  const bool inside = p.z < g.height(p.x, p.y);
+  double best = std::numeric_limits<double>::infinity();
+  for (int j = 0; j < g.ny(); ++j)
+    for (int i = 0; i < g.nx(); ++i) {
+      // The border's cells have no outer side.
+      const double west = i == 0 ? 0 : g.x0() + i * g.cell() - p.x;
+      const double east = i == g.nx() - 1 ? 0 : p.x - (g.x0() + (i + 1) * g.cell());
+      const double south = j == 0 ? 0 : g.y0() + j * g.cell() - p.y;
+      const double north = j == g.ny() - 1 ? 0 : p.y - (g.y0() + (j + 1) * g.cell());
+      const double a = std::max({west, east, 0.0}), b = std::max({south, north, 0.0});
+      const double c = std::max(inside ? g(i, j) - p.z : p.z - g(i, j), 0.0);
+      best = std::min(best, a * a + b * b + c * c);
+    }
+  return inside ? -std::sqrt(best) : std::sqrt(best);
+}
+
+/// Heights within `spread` of each other: few cells that could be nearest, or nearly all of them.
+HeightGrid rough_grid(unsigned seed, int nx, int ny, double cell, double spread) {
+  std::mt19937 generator(seed);
+  std::uniform_real_distribution<double> height(0, spread);
+  Eigen::MatrixXd h(nx, ny);
+  for (int j = 0; j < ny; ++j)
+    for (int i = 0; i < nx; ++i) h(i, j) = height(generator);
+  return HeightGrid(h, cell, -2.1, 0.3);
+}
+
+}  // namespace
+
+TEST_CASE("signed distance: alone, of a float and of a pack, equals that to the union of all columns") {
+  unsigned seed = 20;
+  int points = 0;
+  double worst = 0, worst_float = 0;
+  // Near and far beyond the four columns on either side that are looked at first.
+  for (const auto& [nx, ny, cell, spread] : {std::tuple{16, 16, 0.4, 1.0},
+                                             {30, 7, 0.4, 4.0},
+                                             {40, 40, 0.1, 0.5},
+                                             {9, 25, 0.25, 0.01},
+                                             {3, 2, 0.4, 2.0},
+                                             {20, 20, 0.05, 3.0}}) {
+    const HeightGrid g = rough_grid(++seed, nx, ny, cell, spread);
+    Points next(seed, g);
+    std::uniform_real_distribution<double> above(-0.5, 2.2);
+    for (int k = 0; k < 170000; k += Lanes::width) {
+      traceur::core::Vector3<Lanes> lanes{Lanes(0), Lanes(0), Lanes(0)};
+      for (int l = 0; l < Lanes::width; ++l) {
+        Vector p = next();
+        if (l % 2 == 0) p.z = g.height(p.x, p.y) + above(next.generator);
+        lanes.x.set(l, static_cast<float>(p.x));
+        lanes.y.set(l, static_cast<float>(p.y));
+        lanes.z.set(l, static_cast<float>(p.z));
+      }
+      const Lanes together = signed_distance(g, lanes);
+      for (int l = 0; l < Lanes::width; ++l) {
+        const traceur::core::Vector3<float> q{lanes.x[l], lanes.y[l], lanes.z[l]};
+        const Vector p{q.x, q.y, q.z};
+        const double expected = union_of_columns(g, p);
+        worst =
+            std::max({worst, std::abs(signed_distance(g, p) - expected), std::abs(surface(g, p).distance - expected)});
+        // On which side of a wall or a top a point is, rounding may decide.
+        worst_float = std::max({worst_float, std::abs(std::abs(signed_distance(g, q)) - std::abs(expected)),
+                                static_cast<double>(std::abs(together[l] - signed_distance(g, q)))});
+        ++points;
+      }
+    }
+  }
+  CHECK(points >= 1000000);
+  CHECK(worst < 1e-12);
+  CHECK(worst_float < 5e-6);
+}
+
+TEST_CASE("signed distance: alone, a number that is not finite has none") {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
+  for (const HeightGrid& grid : {random_grid(12, 5, 5, 0.4), HeightGrid::flat()})
+    for (const float bad : {nan, infinity, -infinity})
+      for (int axis = 0; axis < 3; ++axis) {
+        traceur::core::Vector3<float> p{0.5f, 0.8f, 0.1f};
+        (axis == 0 ? p.x : axis == 1 ? p.y : p.z) = bad;
+        CHECK(std::isnan(signed_distance(grid, p)));
+        CHECK(std::isnan(signed_distance(grid, Vector{p.x, p.y, p.z})));
+        traceur::core::Vector3<Lanes> lanes{Lanes(0.5), Lanes(0.8), Lanes(0.1)};
+        const Lanes good = signed_distance(grid, lanes);
+        (axis == 0 ? lanes.x : axis == 1 ? lanes.y : lanes.z).set(3, bad);
+        const Lanes some = signed_distance(grid, lanes);
+        for (int l = 0; l < Lanes::width; ++l) CHECK((l == 3 ? std::isnan(some[l]) : some[l] == good[l]));
+      }
 }

@@ -50,11 +50,11 @@ struct Pack {
   Vector v;
 
   Pack() = default;
-  [[gnu::always_inline]] explicit Pack(Vector vector) : v(vector) {}
-  /// The same value in every lane.
+  [[gnu::always_inline]] explicit Pack(const Vector& vector) : v(vector) {}
+  /// The same value in every lane. (Compilers leave out the subtraction; an addition would turn -0 into 0.)
   template <class U>
     requires std::is_arithmetic_v<U>
-  [[gnu::always_inline]] Pack(U value) : v(Vector{} + static_cast<T>(value)) {}
+  [[gnu::always_inline]] Pack(U value) : v(static_cast<T>(value) - Vector{}) {}
 
   /// One lane; `lane` is in [0, N).
   [[gnu::always_inline]] T operator[](int lane) const { return v[lane]; }

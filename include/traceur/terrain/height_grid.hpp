@@ -19,13 +19,23 @@ namespace traceur::terrain {
 /// A height grid's numbers in one floating-point type, for kernels. Cell (i, j) is entry i + nx j.
 template <class T>
 struct HeightTable {
-  T x0 = 0, y0 = 0;    ///< lowest corner of cell (0, 0), m
-  T cell = 1;          ///< side of a cell, m
-  T inverse_cell = 1;  ///< 1/m
+  T x0 = 0, y0 = 0;                        ///< lowest corner of cell (0, 0), m
+  T x1 = 1, y1 = 1;                        ///< highest corner of the last cell, m
+  T cell = 1;                              ///< side of a cell, m
+  T inverse_cell = 1;                      ///< 1/m
+  T three_squared = 9, four_squared = 16;  ///< squares of three and of four cells, m^2
   T lowest = 0, highest = 0;
   int nx = 1, ny = 1;
   std::vector<T> heights;  ///< m
   std::vector<T> tops;     ///< highest of the cell and the eight around it, m
+  /// The heights again, with the border's cells repeated `border` times on all sides, so that a look around any cell
+  /// stays within: cell (i, j) is entry i + border + stride (j + border).
+  std::vector<T> bordered;
+  static constexpr int border = 8;
+  /// Highest of the cells four rows south or north of each, or four columns west, m; entries as of `bordered`. The
+  /// column four to the east is what fills a look from three to the west on up to eight columns.
+  std::vector<T> ring;
+  int stride = 1 + 2 * border;
 
   /// The cell that holds a coordinate; the border's beyond the border; a safe index for a NaN.
   int column(T x) const noexcept {
@@ -36,6 +46,10 @@ struct HeightTable {
   }
   T height(int i, int j) const noexcept {
     return heights[static_cast<std::size_t>(i) + static_cast<std::size_t>(nx) * static_cast<std::size_t>(j)];
+  }
+  /// That of cell (i, j) within `bordered`.
+  const T* bordered_cell(int i, int j) const noexcept {
+    return bordered.data() + (i + border) + static_cast<std::ptrdiff_t>(stride) * (j + border);
   }
   /// The lower bound of column i; that of column i + 1 is its upper bound.
   T edge_x(int i) const noexcept { return x0 + static_cast<T>(i) * cell; }
@@ -122,8 +136,12 @@ private:
     t.y0 = static_cast<T>(y0);
     t.cell = static_cast<T>(cell);
     t.inverse_cell = static_cast<T>(1 / cell);
+    t.three_squared = static_cast<T>(9 * cell * cell);
+    t.four_squared = static_cast<T>(16 * cell * cell);
     t.nx = static_cast<int>(heights_.rows());
     t.ny = static_cast<int>(heights_.cols());
+    t.x1 = t.edge_x(t.nx);
+    t.y1 = t.edge_y(t.ny);
     t.heights.resize(static_cast<std::size_t>(heights_.size()));
     t.tops.resize(t.heights.size());
     for (std::size_t k = 0; k < t.heights.size(); ++k) t.heights[k] = static_cast<T>(heights_.data()[k]);
@@ -135,6 +153,49 @@ private:
         for (int b = std::max(j - 1, 0); b <= std::min(j + 1, t.ny - 1); ++b)
           for (int a = std::max(i - 1, 0); a <= std::min(i + 1, t.nx - 1); ++a) top = std::max(top, t.height(a, b));
         t.tops[static_cast<std::size_t>(i) + static_cast<std::size_t>(t.nx) * static_cast<std::size_t>(j)] = top;
+      }
+    constexpr int border = HeightTable<T>::border;
+    t.stride = t.nx + 2 * border;
+    t.bordered.resize(static_cast<std::size_t>(t.stride) * static_cast<std::size_t>(t.ny + 2 * border));
+    for (int j = -border; j < t.ny + border; ++j) {
+      T* const row = t.bordered.data() + static_cast<std::ptrdiff_t>(t.stride) * (j + border) + border;
+      const int inner = std::clamp(j, 0, t.ny - 1);
+      for (int i = 0; i < t.nx; ++i) row[i] = t.height(i, inner);
+      for (int i = 1; i <= border; ++i) {
+        row[-i] = row[0];
+        row[t.nx - 1 + i] = row[t.nx - 1];
+      }
+    }
+    fill_ring(t);
+  }
+
+  template <class T>
+  static void fill_ring(HeightTable<T>& t) {
+    constexpr int border = HeightTable<T>::border, away = 4;
+    const std::ptrdiff_t stride = t.stride, size = static_cast<std::ptrdiff_t>(t.bordered.size());
+    // Of each cell and those on either side of it the highest, along x and along y: one farther on either side each
+    // turn.
+    std::vector<T> along_x = t.bordered, along_y = along_x, narrower(along_x.size());
+    const auto widen = [&](std::vector<T>& along, std::ptrdiff_t step, bool first) {
+      narrower = along;
+      const T* const from = narrower.data();
+      T* const to = along.data();
+      for (std::ptrdiff_t k = step; k < size - step; ++k) {
+        const T sides = std::max(from[k - step], from[k + step]);
+        to[k] = first ? std::max(sides, from[k]) : sides;
+      }
+    };
+    for (int r = 1; r <= away; ++r) {
+      widen(along_x, 1, r == 1);
+      widen(along_y, stride, r == 1);
+    }
+    t.ring.assign(t.bordered.size(), t.highest);
+    for (int j = 0; j < t.ny; ++j)
+      for (int i = 0; i < t.nx; ++i) {
+        const std::ptrdiff_t k = i + border + stride * (j + border);
+        const T* const x = along_x.data() + k;
+        const T* const y = along_y.data() + k;
+        t.ring[static_cast<std::size_t>(k)] = std::max(std::max(x[-away * stride], x[away * stride]), y[-away]);
       }
   }
 

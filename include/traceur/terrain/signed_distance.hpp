@@ -36,14 +36,14 @@ struct NearestCell {
 /// Rows of cells are looked at a register at a time, from the point's own row outwards, as far as a nearer column is
 /// possible.
 template <class T>
-inline NearestCell nearest_cell(const HeightTable<T>& t, T x, T y, T z) noexcept {
+[[gnu::noinline]] inline NearestCell search_cells(const HeightTable<T>& t, T x, T y, T z) noexcept {
   using P = core::Pack<T>;
   const int i0 = t.column(x), j0 = t.row(y);
   const T own = t.height(i0, j0);
   NearestCell best{i0, j0, i0, j0, z < own};
+  T best_squared = (z - own) * (z - own);
   const T sign = best.inside ? T(-1) : T(1);
   const T least = core::max(best.inside ? t.lowest - z : z - t.highest, T(0)), least_squared = least * least;
-  T best_squared = (z - own) * (z - own);
   // Columns farther across than this cannot be nearer; the share more covers rounding.
   const T reach_squared = best_squared - least_squared;
   if (!(reach_squared > T(0))) return best;
@@ -89,6 +89,158 @@ inline NearestCell nearest_cell(const HeightTable<T>& t, T x, T y, T z) noexcept
   return best;
 }
 
+/// Of a number that is not negative: `std::sqrt` asks whether it is.
+template <class T>
+[[gnu::always_inline]] inline T root(T squared) noexcept {
+  return sqrt(core::Pack<T, 16 / sizeof(T)>(squared))[0];
+}
+
+template <class T, int N>
+[[gnu::always_inline]] inline T least_of(const core::Pack<T, N>& x) noexcept {
+  if constexpr (N == 8) {
+    using Half = core::Pack<T, 4>;
+    using V = typename Half::Vector;
+    return least_of(core::min(Half(V(__builtin_shufflevector(x.v, x.v, 0, 1, 2, 3))),
+                              Half(V(__builtin_shufflevector(x.v, x.v, 4, 5, 6, 7)))));
+  } else if constexpr (N == 4) {
+    using V = typename core::Pack<T, N>::Vector;
+    const core::Pack<T, N> two = core::min(x, core::Pack<T, N>(V(__builtin_shufflevector(x.v, x.v, 2, 3, 2, 3))));
+    return core::min(two[0], two[1]);
+  } else {
+    return core::min(x[0], x[1]);
+  }
+}
+
+/// A point over the grid.
+template <class T>
+struct Spot {
+  const T* heights;  ///< that of its own cell, within `HeightTable::bordered`
+  T x, y;            ///< from the lowest corner of its cell, m
+  T z;
+};
+
+/// Eight columns in one register, or in as many as it takes.
+template <class T>
+inline constexpr int share = core::native_width<T> < 8 ? core::native_width<T> : 8;
+
+/// What is found up to three columns and rows away from a point's own, squared distances in m^2.
+template <class T>
+struct Nearby {
+  using P = core::Pack<T, share<T>>;
+  P nearest[8 / share<T>];  ///< of eight columns, from 3 west on
+  P row[8 / share<T>];      ///< where in its column, from -3 to 3; where `which` asks for it
+  T squared;                ///< least of `nearest`
+  T beyond;                 ///< no column farther away is nearer than this
+};
+
+/// Lane l of the first four in every lane.
+template <int l, class T, int N>
+[[gnu::always_inline]] inline typename Nearby<T>::P spread(const core::Pack<T, N>& x) noexcept {
+  if constexpr (N == 8) {
+    return core::Pack<T, N>(
+        typename core::Pack<T, N>::Vector(__builtin_shufflevector(x.v, x.v, l, l, l, l, l + 4, l + 4, l + 4, l + 4)));
+  } else {
+    return typename Nearby<T>::P(x[l]);
+  }
+}
+
+/// Fifty-six heights, with no question asked between them.
+template <bool inside, bool which, class T>
+[[gnu::always_inline]] inline Nearby<T> nearby(const HeightTable<T>& t, const Spot<T>& p) noexcept {
+  using P = typename Nearby<T>::P;
+  // To the columns from 3 west to 4 east: none to the point's own.
+  static constexpr T signs[8] = {1, 1, 1, 0, -1, -1, -1, -1}, steps[8] = {2, 1, 0, 0, 1, 2, 3, 4};
+  const T cell = t.cell;
+  const P z(p.z);
+  // And to the rows, one to three and a fourth not asked for: twice, since spreading a number over a register is quick
+  // from within its half.
+  using Q = core::Pack<T, share<T> == 8 ? 8 : 4>;
+  static constexpr T far[8] = {0, 1, 2, 3, 0, 1, 2, 3};
+  const Q to_south = Q(p.y) + Q::load(far) * Q(cell), to_north = (Q::load(far) + Q(1.0)) * Q(cell) - Q(p.y);
+  const Q south = to_south * to_south, north = to_north * to_north;
+  Nearby<T> found;
+  core::detail::unroll<8 / share<T>>([&](auto part) __attribute__((always_inline)) {
+    constexpr int first = decltype(part)::value * share<T>;
+    const P to_x = P::load(signs + first) * P(p.x) + P::load(steps + first) * P(cell), beside = to_x * to_x;
+    const auto rise = [&](int row) __attribute__((always_inline)) {
+      const P height = P::load(p.heights + row * static_cast<std::ptrdiff_t>(t.stride) + (first - 3));
+      return inside ? core::max(z, height) - z : z - core::min(z, height);
+    };
+    const P level = rise(0);
+    P nearest = level * level + beside, at(0.0);
+    core::detail::unroll<3>([&](auto k) __attribute__((always_inline)) {
+      constexpr int l = decltype(k)::value;
+      const auto look = [&](int row, const P& along) __attribute__((always_inline)) {
+        const P up = rise(row), squared = up * up + (beside + along);
+        if constexpr (which) at = select(squared < nearest, P(static_cast<T>(row)), at);
+        nearest = core::min(squared, nearest);
+      };
+      look(-l - 1, spread<l>(south));
+      look(l + 1, spread<l>(north));
+    });
+    found.nearest[decltype(part)::value] = nearest;
+    if constexpr (which) found.row[decltype(part)::value] = at;
+  });
+  P least = found.nearest[0];
+  for (int part = 1; part < 8 / share<T>; ++part) least = core::min(least, found.nearest[part]);
+  found.squared = least_of(least);
+  if constexpr (inside) {
+    found.beyond = t.three_squared;
+  } else {
+    const T fourth = p.z - core::min(p.z, t.ring[static_cast<std::size_t>(p.heights - t.bordered.data())]);
+    const T any = p.z - core::min(p.z, t.highest);
+    found.beyond = core::min(fourth * fourth + t.three_squared, any * any + t.four_squared);
+  }
+  return found;
+}
+
+/// The squared distance of a point outside the ground if it is less than `known` (m^2), or that, by the columns up to
+/// seven away; `known` is less than seven cells squared.
+template <class T>
+[[gnu::noinline]] inline T squared_distance_within(const HeightTable<T>& t, const Spot<T>& p, T known) noexcept {
+  using P = core::Pack<T, share<T>>;
+  static constexpr T steps[8] = {0, 1, 2, 3, 4, 5, 6, 7}, back[8] = {7, 6, 5, 4, 3, 2, 1, 0};
+  static constexpr T ones[8] = {0, 1, 1, 1, 1, 1, 1, 1};
+  const T cell = t.cell;
+  const P z(p.z);
+  P nearest(known);
+  const int rows = known < t.four_squared ? 4 : 7;
+  for (int first = 0; first < 8; first += share<T>) {
+    const P to_west = P(p.x) + P::load(back + first) * P(cell);
+    const P to_east = P::load(steps + first) * P(cell) - P::load(ones + first) * P(p.x);
+    const P west = to_west * to_west, east = to_east * to_east;
+    for (int row = -rows; row <= rows; ++row) {
+      const T along = row < 0   ? p.y - static_cast<T>(row + 1) * cell
+                      : row > 0 ? static_cast<T>(row) * cell - p.y
+                                : T(0);
+      const T* const heights = p.heights + row * static_cast<std::ptrdiff_t>(t.stride) + first;
+      const P left = z - core::min(z, P::load(heights - 8)), right = z - core::min(z, P::load(heights));
+      nearest = core::min(core::min(left * left + west, right * right + east) + P(along * along), nearest);
+    }
+  }
+  return least_of(nearest);
+}
+
+template <class T>
+inline NearestCell nearest_cell(const HeightTable<T>& t, T x, T y, T z) noexcept {
+  if (!(x >= t.x0 && x < t.x1 && y >= t.y0 && y < t.y1)) return search_cells(t, x, y, z);
+  const int i = t.column(x), j = t.row(y);
+  const Spot<T> spot{t.bordered_cell(i, j), x - t.edge_x(i), y - t.edge_y(j), z};
+  const T up = z - *spot.heights;
+  const bool inside = up < T(0);
+  const Nearby<T> found = inside ? nearby<true, true>(t, spot) : nearby<false, true>(t, spot);
+  if (!(found.squared < found.beyond)) return search_cells(t, x, y, z);
+  NearestCell best{i, j, i, j, inside};
+  if (!(found.squared < up * up)) return best;
+  int column = 0;
+  const auto at = [&](const auto& packs) { return packs[column / share<T>][column % share<T>]; };
+  while (at(found.nearest) != found.squared) ++column;
+  // A cell beyond the border is the border's.
+  best.i = core::clamp(i + column - 3, 0, t.nx - 1);
+  best.j = core::clamp(j + static_cast<int>(at(found.row)), 0, t.ny - 1);
+  return best;
+}
+
 /// One point: plain numbers and dual numbers.
 template <class S>
 inline SurfaceSample<S> surface_of_one(const HeightGrid& grid, const core::Vector3<S>& p) noexcept {
@@ -121,6 +273,79 @@ inline SurfaceSample<S> surface_of_one(const HeightGrid& grid, const core::Vecto
   return {out * d, {out * a / d, out * b / d, c / d}};
 }
 
+/// Out of the way of what most points need.
+template <class T>
+[[gnu::noinline]] inline T distance_of_any(const HeightGrid& grid, const core::Vector3<T>& p) noexcept {
+  return surface_of_one(grid, p).distance;
+}
+
+/// The distance of a point over the grid, where what is found nearby does not settle it.
+template <class T>
+[[gnu::noinline]] inline T distance_farther(const HeightGrid& grid, const Spot<T>& p, T x, T y, T squared) noexcept {
+  const HeightTable<T>& t = grid.table<T>();
+  if (!(p.z >= *p.heights)) {
+    const Nearby<T> found = nearby<true, false>(t, p);
+    if (found.squared < found.beyond) return -root(found.squared);
+  } else if (squared < T(3) * t.four_squared) {
+    return root(squared_distance_within(t, p, squared));
+  }
+  return surface_of_one(grid, core::Vector3<T>{x, y, p.z}).distance;
+}
+
+/// One point's distance alone: plain numbers.
+template <class T>
+[[gnu::always_inline]] inline T distance_of_one(const HeightGrid& grid, const core::Vector3<T>& p) noexcept {
+  const HeightTable<T>& t = grid.table<T>();
+  if (!(p.x >= t.x0 && p.x < t.x1 && p.y >= t.y0 && p.y < t.y1)) return distance_of_any(grid, p);
+  // Rounding may name the cell beyond the last, which is the same again.
+  const int i = static_cast<int>((p.x - t.x0) * t.inverse_cell), j = static_cast<int>((p.y - t.y0) * t.inverse_cell);
+  const Spot<T> spot{t.bordered_cell(i, j), p.x - t.edge_x(i), p.y - t.edge_y(j), p.z};
+  if (!(p.z >= *spot.heights)) return distance_farther(grid, spot, p.x, p.y, T(0));
+  const Nearby<T> found = nearby<false, false>(t, spot);
+  return found.squared < found.beyond ? root(found.squared) : distance_farther(grid, spot, p.x, p.y, found.squared);
+}
+
+/// The lanes' distances alone: what asks no lane's own question is done for all at once.
+template <class T, int N>
+inline core::Pack<T, N> distance_of_lanes(const HeightGrid& grid, const core::Vector3<core::Pack<T, N>>& p) noexcept {
+  using S = core::Pack<T, N>;
+  const HeightTable<T>& t = grid.table<T>();
+  if (grid.is_flat()) return p.z - S(t.highest) + S(0.0) * (p.x + p.y + p.z);
+  const S x = core::clamp(p.x, S(t.x0), S(t.x1)), y = core::clamp(p.y, S(t.y0), S(t.y1));
+  T column[N], row[N], from_x[N], from_y[N], from_z[N], own[N], squared[N], beyond[N];
+  int cell[N];
+  ((x - S(t.x0)) * S(t.inverse_cell)).store(column);
+  ((y - S(t.y0)) * S(t.inverse_cell)).store(row);
+  for (int l = 0; l < N; ++l) {
+    const int i = static_cast<int>(column[l]), j = static_cast<int>(row[l]);
+    cell[l] = (i + t.border) + t.stride * (j + t.border);
+    column[l] = static_cast<T>(i);
+    row[l] = static_cast<T>(j);
+  }
+  (x - (S(t.x0) + S::load(column) * S(t.cell))).store(from_x);
+  (y - (S(t.y0) + S::load(row) * S(t.cell))).store(from_y);
+  p.z.store(from_z);
+  const auto spot = [&](int l) { return Spot<T>{t.bordered.data() + cell[l], from_x[l], from_y[l], from_z[l]}; };
+#pragma GCC unroll 1
+  for (int l = 0; l < N; ++l) {
+    const Nearby<T> found = nearby<false, false>(t, spot(l));
+    own[l] = t.bordered[static_cast<std::size_t>(cell[l])];
+    squared[l] = found.squared;
+    beyond[l] = found.beyond;
+  }
+  S out = sqrt(S::load(squared));
+  const auto over = (p.x >= S(t.x0)) & (p.x < S(t.x1)) & (p.y >= S(t.y0)) & (p.y < S(t.y1));
+  const auto known = over & (S::load(squared) < S::load(beyond)) & (p.z >= S::load(own));
+  if (!core::all(known)) {
+    for (int l = 0; l < N; ++l) {
+      if (known[l]) continue;
+      out.set(l, over[l] ? distance_farther(grid, spot(l), p.x[l], p.y[l], squared[l])
+                         : distance_of_any(grid, core::Vector3<T>{p.x[l], p.y[l], p.z[l]}));
+    }
+  }
+  return out;
+}
+
 }  // namespace detail
 
 /// Exact signed distance of a point from the ground and its gradient, by looking at all cells that could be nearer
@@ -149,7 +374,13 @@ inline SurfaceSample<S> surface(const HeightGrid& grid, const core::Vector3<S>& 
 /// Exact signed distance of a point from the ground, m, negative inside (PARC C.1, which approximates it inside).
 template <core::Scalar S>
 inline S signed_distance(const HeightGrid& grid, const core::Vector3<S>& p) noexcept {
-  return surface(grid, p).distance;
+  if constexpr (std::is_floating_point_v<S>) {
+    return detail::distance_of_one(grid, p);
+  } else if constexpr (core::lane_count<S> > 1) {
+    return detail::distance_of_lanes(grid, p);
+  } else {
+    return surface(grid, p).distance;
+  }
 }
 
 /// As `surface`, for contacts: exact (to a micrometre and rounding) where the distance is at most `reach` (m);
