@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include <traceur/motion/correction_ceres.hpp>
 
+#include <algorithm>
+#include <cmath>
+
 #include <ceres/jet.h>
 #include <doctest/doctest.h>
 
@@ -45,8 +48,7 @@ TEST_CASE("correction: half the square of Ceres' residuals is the loss, and what
   const motion::CorrectionLoss loss(source, points, walk_on_boxes::ground());
   Eigen::MatrixXd d = walk_on_boxes::random_change(source, 0.02);
   motion::CeresCorrectionOptions options;
-  options.distance_rounding = 1e-9;
-  options.jerk_rounding = 1e-9;
+  options.rounding = {1e-9, 1e-9, 0};
   core::SerialExecutor serial;
   motion::detail::CorrectionTerms<core::SerialExecutor> terms(loss, d, options, serial);
   terms.PrepareForEvaluation(true, true);
@@ -77,6 +79,32 @@ TEST_CASE("correction: half the square of Ceres' residuals is the loss, and what
   CHECK(plain == doctest::Approx(squares).epsilon(1e-9));
 }
 
+TEST_CASE("correction: a held kink is the envelope of the kink, and at the multiplier of a minimum it moves none") {
+  for (const double weight : {3.0, 0.5})
+    for (const double multiplier : {0.0, 0.3 * weight, weight})
+      for (const double e : {0.1, 2.0}) {
+        // The same by looking at all s, but for the constant that makes its least value zero.
+        const auto envelope = [&](double r, bool both) {
+          double least = 1e9;
+          for (int i = -40000; i <= 40000; ++i) {
+            const double s = 2e-4 * i, cost = both ? weight * std::abs(s) : weight * std::max(s, 0.0);
+            least = std::min(least, cost - multiplier * s + 0.5 * weight / e * (s - r) * (s - r));
+          }
+          return least + multiplier * r + 0.5 * e * multiplier * multiplier / weight;
+        };
+        for (const bool both : {false, true})
+          for (const double r : {-3.0, -0.2, -0.01, 0.0, 0.05, 0.3, 4.0}) {
+            const motion::detail::HeldValue kink(weight, r, e, multiplier, both);
+            CHECK(kink.value == doctest::Approx(envelope(r, both)).epsilon(1e-5));
+            const double h = 1e-6;
+            const double ahead = motion::detail::HeldValue(weight, r + h, e, multiplier, both).value;
+            const double behind = motion::detail::HeldValue(weight, r - h, e, multiplier, both).value;
+            CHECK(kink.slope == doctest::Approx((ahead - behind) / (2 * h)).epsilon(1e-5));
+          }
+        CHECK(motion::detail::HeldValue(weight, 0, e, multiplier, false).slope == doctest::Approx(multiplier));
+      }
+}
+
 TEST_CASE("correction: Ceres ends where a long, slowing Adam does, or below") {
   const auto points = body::surface_points(walk_on_boxes::character());
   const motion::Clip source = walk_on_boxes::clip(20, 0.08);
@@ -87,9 +115,8 @@ TEST_CASE("correction: Ceres ends where a long, slowing Adam does, or below") {
   // A weight that Adam can cope with: of the paper's it needs far more steps.
   slow.weights.jerk = 0.01;
   const auto adam = motion::correct(source, points, ground, slow);
-  motion::CeresCorrectionOptions options;
+  motion::CeresCorrectionOptions options = motion::CeresCorrectionOptions::thorough();
   options.weights = slow.weights;
-  options.tolerance = 1e-5;
   const auto solved = motion::correct_ceres(source, points, ground, options);
   MESSAGE("total loss " << adam.report.before.total << ": Adam " << adam.report.after.total << ", Ceres "
                         << solved.report.after.total << " in " << solved.report.iterations << " iterations");
@@ -118,6 +145,38 @@ TEST_CASE("correction: Adam over time scales and a thorough Ceres find one minim
   }
 }
 
+TEST_CASE("correction: quick Ceres is lower after a few iterations than the paper's Adam after 3000") {
+  const auto points = body::surface_points(walk_on_boxes::character());
+  const motion::Clip source = walk_on_boxes::clip(20, 0.08);
+  const auto adam = motion::correct(source, points, walk_on_boxes::ground()).report;
+  const auto solved =
+      motion::correct_ceres(source, points, walk_on_boxes::ground(), motion::CeresCorrectionOptions::quick()).report;
+  MESSAGE("Adam " << adam.after.total << " in " << adam.seconds << " s, Ceres " << solved.after.total << " in "
+                  << solved.iterations << " iterations and " << solved.seconds << " s");
+  CHECK(solved.after.total < adam.after.total);
+  CHECK(solved.iterations <= 16);
+}
+
+TEST_CASE("correction: options that cannot be are named") {
+  const auto points = body::surface_points(walk_on_boxes::character());
+  const motion::Clip source = walk_on_boxes::clip(8, 0.1);
+  const auto refused = [&](auto change) {
+    motion::CeresCorrectionOptions options;
+    change(options);
+    CHECK_THROWS_AS(motion::correct_ceres(source, points, walk_on_boxes::ground(), options), traceur::Error);
+  };
+  refused([](auto& o) { o.stages = -1; });
+  refused([](auto& o) { o.hold_iterations = -1; });
+  refused([](auto& o) { o.rounding.distance = 0; });
+  refused([](auto& o) { o.first_rounding.jerk = std::nan(""); });
+  refused([](auto& o) { o.rounding.jerk_margin = 1000; });
+  refused([](auto& o) { o.guard_curvature = -1; });
+  // Without a weight a term neither counts nor stops the solve.
+  motion::CeresCorrectionOptions options;
+  options.weights.jerk = 0;
+  CHECK(motion::correct_ceres(source, points, walk_on_boxes::ground(), options).report.after.penetration < 1e-2);
+}
+
 TEST_CASE("correction: by Ceres, with the paper's weights") {
   const auto points = body::surface_points(walk_on_boxes::character());
   const motion::Clip source = walk_on_boxes::clip(20, 0.08);
@@ -129,7 +188,9 @@ TEST_CASE("correction: by Ceres, with the paper's weights") {
   CHECK(solved.report.after.total < 0.02 * solved.report.before.total);
   CHECK_NOTHROW(solved.clip.check());
   core::ThreadExecutor threads(2);
-  options.iterations = 4;
+  options.stages = 2;
+  options.holds = 1;
+  options.stage_iterations = options.hold_iterations = 2;
   CHECK(motion::correct_ceres(source, points, walk_on_boxes::ground(), options).clip.poses ==
         motion::correct_ceres(source, points, walk_on_boxes::ground(), options, threads).clip.poses);
 }
@@ -151,9 +212,7 @@ TEST_CASE("correction: a motion of PARC pushed 5 cm into its terrain") {
   clip.poses.row(2).array() -= 0.05;
   const auto points = body::surface_points(character);
   core::ThreadExecutor threads(2);
-  motion::CeresCorrectionOptions options;
-  options.iterations = 25;
-  const auto solved = motion::correct_ceres(clip, points, ground, options, threads);
+  const auto solved = motion::correct_ceres(clip, points, ground, {}, threads);
   const auto joints = [&](const motion::Clip& c) {
     Eigen::MatrixXd tracks(3 * character.skeleton.size(), c.keys());
     body::Frames<double> frames(character.skeleton);
@@ -165,8 +224,8 @@ TEST_CASE("correction: a motion of PARC pushed 5 cm into its terrain") {
     return tracks;
   };
   const auto &before = solved.report.before, &after = solved.report.after;
-  MESSAGE("penetration " << before.penetration << " -> " << after.penetration << " m, contact " << before.contact << " -> "
-                         << after.contact << " m, in " << solved.report.seconds << " s");
+  MESSAGE("penetration " << before.penetration << " -> " << after.penetration << " m, contact " << before.contact
+                         << " -> " << after.contact << " m, in " << solved.report.seconds << " s");
   CHECK(before.penetration > 50);
   CHECK(after.penetration < 0.05 * before.penetration);
   CHECK(after.contact < before.contact);
@@ -183,6 +242,14 @@ TEST_CASE("correction: a motion of PARC pushed 5 cm into its terrain") {
     }
     return evaluate::penetration_loss<double>(ground, places);
   };
+  // The two ways end together.
+  const double thorough =
+      motion::correct_ceres(clip, points, ground, motion::CeresCorrectionOptions::thorough(), threads)
+          .report.after.total;
+  const double adam =
+      motion::correct(clip, points, ground, motion::CorrectionOptions::multiscale(), threads).report.after.total;
+  MESSAGE("loss " << before.total << " -> thorough Ceres " << thorough << ", Adam over time scales " << adam);
+  CHECK(std::abs(thorough - adam) < 0.1 * adam);
   CHECK(by_other_code(clip) == doctest::Approx(before.penetration));
   CHECK(by_other_code(solved.clip) == doctest::Approx(after.penetration).epsilon(1e-3));
 }

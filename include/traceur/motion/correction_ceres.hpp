@@ -15,78 +15,97 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <ceres/ceres.h>
+#include <ceres/version.h>
 
 #include "traceur/motion/correction.hpp"
 
 namespace traceur::motion {
 
-/// How the loss is solved as a problem of least squares.
+/// How the loss is solved as a problem of least squares. The defaults end near the minimum in tens of iterations.
 struct CeresCorrectionOptions {
   CorrectionWeights weights;
-  int iterations = 60;              ///< at most
-  double tolerance = 1e-3;          ///< ends when the loss falls by less than this share of itself in an iteration
-  double distance_rounding = 1e-4;  ///< m; kinks of the distances are rounded over this width
-  double jerk_rounding = 10;        ///< m/s^3; that of the jerk's excess
-  double jerk_margin = 0;           ///< m/s^3; the jerk's kink is put this far below its limit
-  double first_rounding = 10;       ///< of the first iterations, times that of distances; wide kinks are soon near their feet
-  double first_jerk_rounding = 10;  ///< the same for jerk
-  int stages = 1;                   ///< in which widths fall from the first to the last, by equal factors
-  int first_iterations = 12;        ///< of each stage at most; 0 begins with the last widths
-  double stage_tolerance = 0.05;    ///< ends a stage
-  double guard = 0.1;               ///< m; points nearer above the ground are kept from going under unseen
-  double guard_curvature = 0.15;    ///< of terms that cost nothing yet, as a share of what a parabola with its foot there has
-  double guard_falloff = 0;         ///< power of width over distance with which that falls away from the kink
+  /// Kinks are rounded over widths that fall from the first to the last, by equal factors, in so many stages, and are
+  /// held by multipliers after each; then so many times more at the last widths, which need not be narrow.
+  KinkRounding first_rounding{0.09, 1e9, 1}, rounding{0.003, 1e5, 1};
+  int stages = 6;
+  int stage_iterations = 5;  ///< at most, of each stage
+  /// A stage ends when the loss falls by less than this share of itself in an iteration.
+  double stage_tolerance = 1e-2;
+  int holds = 1;
+  int hold_iterations = 10;  ///< the same of what follows each hold
+  double hold_tolerance = 1e-4;
+  double guard = 0.1;  ///< m; points nearer above the ground are kept from going under unseen
+  /// Of terms that cost nothing yet, as a share of what a parabola with its foot there has.
+  double guard_curvature = 0.03;
+  double guard_falloff = 4;  ///< power of width over distance with which that falls away from the kink
 
-  /// Settings that come near the minimum of the loss, at the price of more iterations than the quick ones: guards shorten steps,
-  /// so they are weak, which needs kinks that begin as wide as to be parabolas and narrow slowly.
+  /// Far down within four iterations, not much farther after twelve more: kinks are narrow from the first, which takes
+  /// guards that keep steps short.
+  static CeresCorrectionOptions quick() {
+    CeresCorrectionOptions out;
+    out.first_rounding = out.rounding = {0.002, 2e3, 1};
+    out.stages = 1;
+    out.stage_iterations = 4;
+    out.holds = 3;
+    out.hold_iterations = 4;
+    out.guard_curvature = 0.15;
+    out.guard_falloff = 0;
+    return out;
+  }
+
+  /// Goes on until little is left to gain.
   static CeresCorrectionOptions thorough() {
     CeresCorrectionOptions out;
-    out.iterations = 450;
-    out.tolerance = 1e-4;
-    out.jerk_rounding = 300;
-    out.jerk_margin = 1;
-    out.first_rounding = 1e3;
-    out.first_jerk_rounding = 1e6;
-    out.stages = 10;
-    out.first_iterations = 30;
+    out.first_rounding = {0.3, 1e10, 1};
+    out.stages = 8;
+    out.stage_iterations = 20;
     out.stage_tolerance = 1e-3;
-    out.guard_curvature = 0.01;
-    out.guard_falloff = 1;
+    out.holds = 4;
+    out.hold_iterations = 15;
     return out;
   }
 };
 
 namespace detail {
 
-/// The kink w max(r, 0) rounded to w (sqrt(r^2 + e^2) - e) where r > 0, with slope and the curvature of a parabola above
-/// it that touches it at r: for r > 0 that of iteratively reweighted least squares, for r < 0 a share of that of the parabola
-/// with its foot at r. Without any a step breaks what held so far; with all of it steps are shorter than need be.
-struct RoundedKink {
-  double value = 0, slope = 0, curvature;
-  RoundedKink(double weight, double r, double e, const CeresCorrectionOptions& options) noexcept {
-    if (!(r > 0)) {
-      const double guard = options.guard_curvature * weight / (e - r);
-      curvature = options.guard_falloff > 0 ? guard * std::pow(e / (e - r), options.guard_falloff) : guard;
-      return;
-    }
-    const RoundedValue rounded(weight, r, e);
-    value = rounded.value;
-    slope = rounded.slope;
-    curvature = slope / r;
+/// A kink that is held by a multiplier m, 0 <= m <= w: the least over s of w max(s, 0) - m s + w / (2 e) (s - r)^2, but
+/// for a constant, which rounds the kink over the width e and puts the slope m, not 0, to r = 0. With m the slope that
+/// balances all else at the minimum, the minimum of what is rounded is that of what is not (method of multipliers;
+/// Moreau's envelope). The same for w |r|, where -w <= m <= w.
+struct HeldValue {
+  double value = 0, slope = 0;
+  double past;  ///< how far beyond the foot of the parabola, m or m/s^3; negative where nothing is to pay
+  HeldValue(double weight, double r, double e, double multiplier, bool both_sides) noexcept
+      : past(weight > 0 ? r + e * multiplier / weight : r) {
+    const double side = both_sides && past < 0 ? -1 : 1;
+    past *= side;
+    if (!(past > 0)) return;
+    value = past < e ? 0.5 * weight / e * past * past : weight * (past - 0.5 * e);
+    slope = side * weight * std::min(past / e, 1.0);
   }
 };
 
+/// A curvature for a held kink: that of a parabola above it that touches it where the motion is, and for a term that
+/// costs nothing yet a share of that of the parabola with its foot there. Without any, a step breaks what held so far;
+/// with all of it steps are shorter than need be.
+inline double curvature(const HeldValue& kink, double weight, double width,
+                        const CeresCorrectionOptions& options) noexcept {
+  const double past = std::abs(kink.past);
+  if (kink.slope != 0) return weight / std::max(width, past);
+  return options.guard_curvature * weight / (width + past) * std::pow(width / (width + past), options.guard_falloff);
+}
+
 /// The loss put so that Gauss and Newton's method can work on it.
 ///
-/// Sums of distances are no sums of squares: with r = sqrt(2 loss) a step would go twice as far as it should, and Ceres'
-/// own loss functions want a residual for each of some thousand points. So all terms of a frame are gathered into a
-/// gradient g and a matrix H of curvatures that lie above the loss, and with H = L L^T the frame's residuals are
+/// Sums of distances are no sums of squares: with r = sqrt(2 loss) a step would go twice as far as it should, and
+/// Ceres' own loss functions want a residual for each of some thousand points. So all terms of a frame are gathered
+/// into a gradient g and a matrix H of curvatures that lie above the loss, and with H = L L^T the frame's residuals are
 ///
 ///     (L^-1 g, c),   with Jacobian (L^T, 0)   and   c^2 = 2 loss - |L^-1 g|^2.
 ///
 /// Then half their square is the loss itself, J^T r its exact gradient and J^T J = H. c is real because each term's
-/// parabola stays above zero. The jerk of a body couples four frames and has three rows and a c of its own; its Jacobian
-/// holds the joints that carry the body, no others, which keeps J^T J cheap.
+/// parabola stays above zero. The jerk of a body couples four frames and has three rows and a c of its own; its
+/// Jacobian holds the joints that carry the body, no others, which keeps J^T J cheap.
 template <core::Executor E>
 class CorrectionTerms final : public ceres::EvaluationCallback {
 public:
@@ -101,12 +120,29 @@ public:
   }
 
   int bodies() const { return loss_.source().skeleton.size(); }
-  /// Multiplies the widths from here on.
-  void set_rounding(double distance, double jerk) {
-    distance_rounding_ = distance * options_.distance_rounding;
-    jerk_rounding_ = jerk * options_.jerk_rounding;
+  /// Sets the widths from here on.
+  void round(const KinkRounding& rounding) { rounding_ = rounding; }
+  /// Holds kinks where the motion is: the slopes they have there become their multipliers.
+  void hold() {
+    executor_.run(loss_.chunks(), [&](int chunk) {
+      loss_.each_key(chunk, [&](int k) {
+        loss_.pose(d_, k, w_);
+        auto points = points_.col(k), next = next_points_.col(k);
+        next.setZero();
+        loss_.each_ground_term(
+            k, w_.frames[static_cast<std::size_t>(k)], 0,
+            [&](const CorrectionLoss::GroundTerm& term) {
+              const double slope = held(k, term).slope;
+              (term.contact ? contacts_(term.body, k) : next[static_cast<Eigen::Index>(term.point)]) = slope;
+            },
+            points.data());
+        points = next;
+      });
+    });
+    for (int k = 0; k + 3 < loss_.keys(); ++k)
+      for (int b = 0; b < bodies(); ++b)
+        jerk_multipliers_(b, k) = held_jerk(k, b, excess(loss_.jerk_of(b, k, w_))).slope;
   }
-
   void PrepareForEvaluation(bool jacobians, bool new_point) override {
     if (!new_point && (!jacobians || jacobians_)) return;
     jacobians_ = jacobians;
@@ -148,6 +184,17 @@ public:
   }
 
 private:
+  HeldValue held(int k, const CorrectionLoss::GroundTerm& term) const noexcept {
+    return {term.weight, term.contact ? term.height : -term.height, rounding_.distance,
+            term.contact ? contacts_(term.body, k) : points_(static_cast<Eigen::Index>(term.point), k), term.contact};
+  }
+  double excess(const core::Vector3<double>& jerk) const noexcept {
+    return norm(jerk) - (loss_.weights().jerk_limit - rounding_.jerk_margin);
+  }
+  HeldValue held_jerk(int k, int b, double excess) const noexcept {
+    return {loss_.weights().jerk, excess, rounding_.jerk, jerk_multipliers_(b, k), false};
+  }
+
   void frame(int k, bool jacobians) {
     const auto i = static_cast<std::size_t>(k);
     Frame& out = frames_[i];
@@ -165,17 +212,18 @@ private:
       g = 2 * weights.cwiseProduct(d);
     }
     Eigen::VectorXd& row = rows_[i];
-    loss_.each_ground_term(k, at, jacobians ? options_.guard : 0,
-                           [&](int b, const core::Vector3<double>& place, const core::Vector3<double>& along,
-                               double distance, double weight, bool) {
-                             const RoundedKink kink(weight, distance, distance_rounding_, options_);
-                             value += kink.value;
-                             if (!jacobians) return;
-                             row.setZero();
-                             add_gradient(s, at, d.data(), b, place, along, row.data());
-                             g += kink.slope * row;
-                             h.selfadjointView<Eigen::Lower>().rankUpdate(row, kink.curvature);
-                           });
+    loss_.each_ground_term(
+        k, at, jacobians ? options_.guard : 0,
+        [&](const CorrectionLoss::GroundTerm& term) {
+          const HeldValue kink = held(k, term);
+          value += kink.value;
+          if (!jacobians) return;
+          row.setZero();
+          add_gradient(s, at, d.data(), term.body, term.place, term.contact ? term.normal : -term.normal, row.data());
+          g += kink.slope * row;
+          h.selfadjointView<Eigen::Lower>().rankUpdate(row, curvature(kink, term.weight, rounding_.distance, options_));
+        },
+        points_.col(k).data());
     if (!jacobians) {
       out.rest = std::sqrt(2 * value);
       out.residual.setZero();
@@ -196,18 +244,17 @@ private:
 
   void jerk(int k, int b, bool jacobians) {
     Jerk& out = jerks_[static_cast<std::size_t>(k) * static_cast<std::size_t>(bodies()) + static_cast<std::size_t>(b)];
-    const double limit = loss_.weights().jerk_limit - options_.jerk_margin;
     const core::Vector3<double> j = loss_.jerk_of(b, k, w_);
-    const double size = norm(j), excess = size - limit;
-    const RoundedKink kink(loss_.weights().jerk, excess, jerk_rounding_, options_);
+    const HeldValue kink = held_jerk(k, b, excess(j));
     out.residual.setZero();
     out.rest = std::sqrt(2 * kink.value);
     if (!jacobians) return;
-    const double along = std::sqrt(kink.curvature);
+    const double along = std::sqrt(curvature(kink, loss_.weights().jerk, rounding_.jerk, options_));
     out.turn = along * Eigen::Matrix3d::Identity();
-    if (!(excess > 0)) return;
+    if (!(kink.slope > 0)) return;
+    const double size = norm(j);
     const Eigen::Vector3d u = j.eigen() / size;
-    const double across = along * std::sqrt(excess / size);
+    const double across = std::sqrt(kink.slope / size);
     out.turn = across * Eigen::Matrix3d::Identity() + (along - across) * u * u.transpose();
     out.residual = (kink.slope / along) * u;
     out.rest = std::sqrt(std::max(0.0, 2 * kink.value - out.residual.squaredNorm()));
@@ -218,7 +265,11 @@ private:
   CeresCorrectionOptions options_;
   E& executor_;
   CorrectionLoss::Workspace w_;
-  double distance_rounding_ = options_.distance_rounding, jerk_rounding_ = options_.jerk_rounding;
+  KinkRounding rounding_ = options_.rounding;
+  // Of each frame: of surface points, of bodies that are to touch, of bodies' jerks.
+  Eigen::MatrixXd points_ = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(loss_.points().size()), loss_.keys());
+  Eigen::MatrixXd contacts_ = Eigen::MatrixXd::Zero(bodies(), loss_.keys()), jerk_multipliers_ = contacts_;
+  Eigen::MatrixXd next_points_ = points_;  ///< scratch
   bool jacobians_ = false;
   std::vector<Frame> frames_;
   std::vector<Jerk> jerks_;
@@ -311,20 +362,21 @@ private:
 }  // namespace detail
 
 /// As `correct`, solved by Ceres: Levenberg and Marquardt's method on a problem whose matrix is banded, since a jerk
-/// couples four frames. It takes tens of iterations where Adam takes thousands, and no step size. The losses are the same
-/// but for their kinks, which are rounded over the widths the options name; the report's `before` and `after` are
-/// unrounded, its history is not. The same bits on any executor.
+/// couples four frames. It takes tens of iterations where Adam takes thousands, no step size, and ends lower: with
+/// kinks held by multipliers (HeldValue) no width has to become so narrow that steps are short. The result is the best
+/// of what stages and holds ended with. The report's `before` and `after` are of the losses as they are, its history is
+/// of what was minimised. The same bits on any executor.
 template <core::Executor E>
 inline Corrected correct_ceres(const Clip& clip, std::span<const body::SurfacePoint> points,
                                const terrain::HeightGrid& ground, const CeresCorrectionOptions& options, E&& executor) {
   const std::string where = detail::where(clip) + ": correction: ";
-  if (options.iterations < 0) throw Error(where + "expected no negative number of iterations");
-  if (!(options.distance_rounding > 0) || !(options.jerk_rounding > 0))
-    throw Error(where + "expected widths of rounding above zero");
-  if (!(options.first_rounding > 0) || !(options.first_jerk_rounding > 0) || options.stages < 0)
-    throw Error(where + "expected first roundings above zero and no negative number of stages");
-  if (!(options.jerk_margin >= 0 && options.jerk_margin < options.weights.jerk_limit))
-    throw Error(where + "expected a margin below the jerk's limit, and none below zero");
+  if (options.stages < 0 || options.holds < 0 || options.stage_iterations < 0 || options.hold_iterations < 0)
+    throw Error(where + "expected no negative number of stages, holds or iterations");
+  for (const KinkRounding& r : {options.first_rounding, options.rounding}) {
+    if (!(r.distance > 0) || !(r.jerk > 0)) throw Error(where + "expected widths of rounding above zero");
+    if (!(r.jerk_margin >= 0 && r.jerk_margin < options.weights.jerk_limit))
+      throw Error(where + "expected a margin below the jerk's limit, and none below zero");
+  }
   if (!(options.guard_curvature >= 0) || !(options.guard_falloff >= 0))
     throw Error(where + "expected no negative guard");
   const auto started = std::chrono::steady_clock::now();
@@ -370,12 +422,21 @@ inline Corrected correct_ceres(const Clip& clip, std::span<const body::SurfacePo
   detail::HistoryOfSolve history(out.report, started);
   ceres::Solver::Options solver;
   solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+#if CERES_VERSION_MAJOR == 2 && CERES_VERSION_MINOR < 2
+  // The matrix is banded and small: twice as quick as SuiteSparse with a BLAS whose threads wait for each other. (Later
+  // versions are without it; Eigen's own factorisation is as quick, but not safe where Ceres was compiled for other
+  // registers than this.)
+  if (ceres::IsSparseLinearAlgebraLibraryTypeAvailable(ceres::CX_SPARSE))
+    solver.sparse_linear_algebra_library_type = ceres::CX_SPARSE;
+#endif
   solver.parameter_tolerance = 1e-9;
   solver.num_threads = 1;
   solver.logging_type = ceres::SILENT;
   solver.callbacks.push_back(&history);
-  const auto solve = [&](double distance_rounding, double jerk_rounding, int iterations, double tolerance) {
-    terms.set_rounding(distance_rounding, jerk_rounding);
+  out.report.after = out.report.before;
+  Eigen::MatrixXd best = d;
+  const auto solve = [&](const KinkRounding& rounding, int iterations, double tolerance) {
+    terms.round(rounding);
     solver.max_num_iterations = iterations;
     solver.function_tolerance = tolerance;
     ceres::Solver::Summary summary;
@@ -383,17 +444,25 @@ inline Corrected correct_ceres(const Clip& clip, std::span<const body::SurfacePo
     if (summary.termination_type == ceres::FAILURE || !d.allFinite())
       throw Error(where + "the solve failed: " + summary.message);
     out.report.iterations += std::max(0, static_cast<int>(summary.iterations.size()) - 1);
+    // Steps were as long as this in the end; a solve that begins with longer ones loses iterations on finding that out.
+    if (!summary.iterations.empty())
+      solver.initial_trust_region_radius = std::clamp(4 * summary.iterations.back().trust_region_radius, 1e-2, 1e4);
+    const CorrectionLosses now = loss.losses(d, w, executor);
+    if (now.total < out.report.after.total) {
+      out.report.after = now;
+      best = d;
+    }
+    terms.hold();
   };
+  const KinkRounding &from = options.first_rounding, &to = options.rounding;
   for (int i = 0; i < options.stages; ++i) {
-    const int most = std::min(options.first_iterations, options.iterations - out.report.iterations);
-    const double left = 1 - static_cast<double>(i) / options.stages;
-    if (most > 0)
-      solve(std::pow(options.first_rounding, left), std::pow(options.first_jerk_rounding, left), most,
-            options.stage_tolerance);
+    const double share = static_cast<double>(i) / options.stages;
+    solve({detail::between(from.distance, to.distance, share), detail::between(from.jerk, to.jerk, share),
+           detail::between(from.jerk_margin, to.jerk_margin, share)},
+          options.stage_iterations, options.stage_tolerance);
   }
-  solve(1, 1, options.iterations - out.report.iterations, options.tolerance);
-  out.report.after = loss.losses(d, w, executor);
-  out.clip = loss.changed(d);
+  for (int i = 0; i < options.holds; ++i) solve(to, options.hold_iterations, options.hold_tolerance);
+  out.clip = loss.changed(best);
   out.report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   return out;
 }

@@ -384,12 +384,24 @@ public:
     return losses(d, w, core::SerialExecutor{});
   }
 
-  /// Calls f(body, place, direction, distance, weight, is_contact) for every surface point of key k that is below the
-  /// ground and for the nearest point of every body that is to touch. `distance` (m) costs `weight` a metre if positive,
-  /// and grows by one metre for each that the point moves along `direction` (unit). Points above the ground by less than
-  /// `reach` are shown too, their distance negative.
+  /// What one surface point costs in one frame, or the nearest point of a body that is to touch.
+  struct GroundTerm {
+    int body;
+    std::size_t point;                    ///< its index
+    core::Vector3<double> place, normal;  ///< of the point, and out of the ground
+    double height;                        ///< above the ground, m; negative below
+    double weight;                        ///< of a metre
+    bool contact;                         ///< on either side; else of depth
+    /// What counts, m, and the direction in which the point's way adds to it.
+    double distance() const noexcept { return contact ? std::abs(height) : -height; }
+    core::Vector3<double> along() const noexcept { return contact && height > 0 ? normal : -normal; }
+  };
+
+  /// Calls f(GroundTerm) for every surface point of key k that is below the ground or less than `reach` above it, or
+  /// whose entry in `also`, if given, is above zero; and for the nearest point of every body that is to touch.
   template <class F>
-  void each_ground_term(int k, const body::Frames<double>& frames, double reach, F&& f) const noexcept {
+  void each_ground_term(int k, const body::Frames<double>& frames, double reach, F&& f,
+                        const double* also = nullptr) const noexcept {
     using Vec = core::Vector3<double>;
     const terrain::HeightTable<double>& table = ground_.table<double>();
     const bool labelled = source_.contacts.cols() != 0;
@@ -399,22 +411,19 @@ public:
       if (begin == end) continue;
       const double label = labelled ? source_.contacts(b, k) : 0.0;
       const core::Matrix3<double> turn = frames.rotation[body].matrix();
-      Vec nearest_at{0, 0, 0}, nearest_along{0, 0, 0};
-      double nearest = std::numeric_limits<double>::infinity();
+      GroundTerm touching{b, 0, {0, 0, 0}, {0, 0, 1}, std::numeric_limits<double>::infinity(), 0, true};
       for (std::size_t i = begin; i < end; ++i) {
         const Vec p = frames.position[body] + turn * points_[i].local;
         const bool below = p.z < table.height(table.column(p.x), table.row(p.y));
-        if (!below && label == 0 && !(reach > 0 && p.z < table.highest + reach)) continue;
+        const bool asked = also != nullptr && also[i] > 0;
+        if (!below && label == 0 && !asked && !(reach > 0 && p.z < table.highest + reach)) continue;
         const terrain::SurfaceSample<double> s = terrain::surface(ground_, p);
-        if (s.distance < 0 || s.distance < reach) f(b, p, -s.normal, -s.distance, weights_.penetration, false);
-        if (label != 0 && std::abs(s.distance) < nearest) {
-          nearest = std::abs(s.distance);
-          nearest_at = p;
-          nearest_along = s.distance < 0 ? -s.normal : s.normal;
-        }
+        if (s.distance < 0 || s.distance < reach || asked)
+          f(GroundTerm{b, i, p, s.normal, s.distance, weights_.penetration, false});
+        if (label != 0 && std::abs(s.distance) < std::abs(touching.height))
+          touching = {b, i, p, s.normal, s.distance, label * weights_.contact, true};
       }
-      if (nearest < std::numeric_limits<double>::infinity())
-        f(b, nearest_at, nearest_along, nearest, label * weights_.contact, true);
+      if (std::isfinite(touching.height)) f(touching);
     }
   }
 
@@ -453,32 +462,27 @@ private:
   void ground_losses(int k, Workspace& w) const noexcept {
     CorrectionLosses& out = w.losses[static_cast<std::size_t>(k)];
     out = {};
-    each_ground_term(k, w.frames[static_cast<std::size_t>(k)], 0,
-                     [&](int, const auto&, const auto&, double distance, double weight, bool is_contact) {
-                       count(out, distance, weight, is_contact);
-                     });
+    each_ground_term(k, w.frames[static_cast<std::size_t>(k)], 0, [&](const GroundTerm& term) { count(out, term); });
   }
   void ground_forces(int k, Workspace& w, double rounding) const noexcept {
     const auto i = static_cast<std::size_t>(k);
     CorrectionLosses& out = w.losses[i];
     out = {};
     w.forces[i].clear();
-    each_ground_term(k, w.frames[i], 0,
-                     [&](int b, const core::Vector3<double>& at, const core::Vector3<double>& along, double distance,
-                         double weight, bool is_contact) {
-                       count(out, distance, weight, is_contact);
-                       const detail::RoundedValue kink(weight, distance, rounding);
-                       out.rounded += kink.value;
-                       w.forces[i].add(w.frames[i], b, at, kink.slope * along);
-                     });
+    each_ground_term(k, w.frames[i], 0, [&](const GroundTerm& term) {
+      count(out, term);
+      const detail::RoundedValue kink(term.weight, term.distance(), rounding);
+      out.rounded += kink.value;
+      w.forces[i].add(w.frames[i], term.body, term.place, kink.slope * term.along());
+    });
   }
-  void count(CorrectionLosses& out, double distance, double weight, bool is_contact) const noexcept {
-    if (is_contact) {
-      out.contact += weights_.contact > 0 ? weight / weights_.contact * distance : 0;
+  void count(CorrectionLosses& out, const GroundTerm& term) const noexcept {
+    if (term.contact) {
+      out.contact += weights_.contact > 0 ? term.weight / weights_.contact * term.distance() : 0;
     } else {
-      out.penetration += distance;
+      out.penetration += term.distance();
     }
-    out.total += weight * distance;
+    out.total += term.weight * term.distance();
   }
 
   void jerk_losses(int k, Workspace& w) const noexcept {
