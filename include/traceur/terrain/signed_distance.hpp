@@ -197,7 +197,7 @@ template <bool inside, bool which, class T>
 /// The squared distance of a point outside the ground if it is less than `known` (m^2), or that, by the columns up to
 /// seven away; `known` is less than seven cells squared.
 template <class T>
-[[gnu::noinline]] inline T squared_distance_within(const HeightTable<T>& t, const Spot<T>& p, T known) noexcept {
+[[gnu::always_inline]] inline T squared_distance_within(const HeightTable<T>& t, const Spot<T>& p, T known) noexcept {
   using P = core::Pack<T, share<T>>;
   static constexpr T steps[8] = {0, 1, 2, 3, 4, 5, 6, 7}, back[8] = {7, 6, 5, 4, 3, 2, 1, 0};
   static constexpr T ones[8] = {0, 1, 1, 1, 1, 1, 1, 1};
@@ -287,6 +287,11 @@ template <class T>
     const Nearby<T> found = nearby<true, false>(t, p);
     if (found.squared < found.beyond) return -root(found.squared);
   } else if (squared < T(3) * t.four_squared) {
+    // The sides of the point's own cell tell a little more of how far those beyond are.
+    const T side = core::min(core::min(p.x, t.cell - p.x), core::min(p.y, t.cell - p.y));
+    const T fourth = p.z - core::min(p.z, t.ring[static_cast<std::size_t>(p.heights - t.bordered.data())]);
+    const T any = p.z - core::min(p.z, t.highest), three = side + T(3) * t.cell, four = side + T(4) * t.cell;
+    if (squared < core::min(fourth * fourth + three * three, any * any + four * four)) return root(squared);
     return root(squared_distance_within(t, p, squared));
   }
   return surface_of_one(grid, core::Vector3<T>{x, y, p.z}).distance;
