@@ -32,6 +32,7 @@ struct HeightTable {
   /// stays within: cell (i, j) is entry i + border + stride (j + border).
   std::vector<T> bordered;
   static constexpr int border = 8;
+  T border_x0 = 0, border_y0 = 0;  ///< lowest corner of the border, m
   /// Highest of the cells four rows south or north of each, or four columns west, m; entries as of `bordered`. The
   /// column four to the east is what fills a look from three to the west on up to eight columns.
   std::vector<T> ring;
@@ -156,6 +157,8 @@ private:
       }
     constexpr int border = HeightTable<T>::border;
     t.stride = t.nx + 2 * border;
+    t.border_x0 = static_cast<T>(x0 - border * cell);
+    t.border_y0 = static_cast<T>(y0 - border * cell);
     t.bordered.resize(static_cast<std::size_t>(t.stride) * static_cast<std::size_t>(t.ny + 2 * border));
     for (int j = -border; j < t.ny + border; ++j) {
       T* const row = t.bordered.data() + static_cast<std::ptrdiff_t>(t.stride) * (j + border) + border;

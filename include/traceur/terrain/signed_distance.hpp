@@ -188,8 +188,7 @@ template <bool inside, bool which, class T>
     found.beyond = t.three_squared;
   } else {
     const T fourth = p.z - core::min(p.z, t.ring[static_cast<std::size_t>(p.heights - t.bordered.data())]);
-    const T any = p.z - core::min(p.z, t.highest);
-    found.beyond = core::min(fourth * fourth + t.three_squared, any * any + t.four_squared);
+    found.beyond = core::min(fourth * fourth + t.three_squared, t.four_squared);
   }
   return found;
 }
@@ -281,7 +280,9 @@ template <class T>
 
 /// The distance of a point over the grid, where what is found nearby does not settle it.
 template <class T>
-[[gnu::noinline]] inline T distance_farther(const HeightGrid& grid, const Spot<T>& p, T x, T y, T squared) noexcept {
+[[gnu::noinline]] inline T distance_farther(const HeightGrid& grid, const T* heights, T from_x, T from_y, T x, T y, T z,
+                                            T squared) noexcept {
+  const Spot<T> p{heights, from_x, from_y, z};
   const HeightTable<T>& t = grid.table<T>();
   if (!(p.z >= *p.heights)) {
     const Nearby<T> found = nearby<true, false>(t, p);
@@ -297,17 +298,46 @@ template <class T>
   return surface_of_one(grid, core::Vector3<T>{x, y, p.z}).distance;
 }
 
+/// The whole part of a number, or some number below zero where there is none that an int holds.
+template <class T>
+[[gnu::always_inline]] inline int whole(T x) noexcept {
+#if defined(__SSE2__)
+  // A conversion as the language has it may not be asked of a number that does not fit.
+  if constexpr (std::is_same_v<T, float>) return _mm_cvttss_si32(_mm_set_ss(x));
+  if constexpr (std::is_same_v<T, double>) return _mm_cvttsd_si32(_mm_set_sd(x));
+#endif
+  return x > T(-1) && x < T(1 << 30) ? static_cast<int>(x) : -1;
+}
+
+/// As a number, of one that is not negative.
+template <class T>
+[[gnu::always_inline]] inline T whole_part(T x) noexcept {
+#if defined(__SSE4_1__)
+  // Need not wait for the integer.
+  if constexpr (std::is_same_v<T, float>)
+    return _mm_cvtss_f32(_mm_round_ss(_mm_set_ss(x), _mm_set_ss(x), _MM_FROUND_TO_ZERO | _MM_FROUND_NO_EXC));
+#endif
+  return static_cast<T>(static_cast<int>(x));
+}
+
 /// One point's distance alone: plain numbers.
 template <class T>
 [[gnu::always_inline]] inline T distance_of_one(const HeightGrid& grid, const core::Vector3<T>& p) noexcept {
   const HeightTable<T>& t = grid.table<T>();
-  if (!(p.x >= t.x0 && p.x < t.x1 && p.y >= t.y0 && p.y < t.y1)) return distance_of_any(grid, p);
-  // Rounding may name the cell beyond the last, which is the same again.
-  const int i = static_cast<int>((p.x - t.x0) * t.inverse_cell), j = static_cast<int>((p.y - t.y0) * t.inverse_cell);
-  const Spot<T> spot{t.bordered_cell(i, j), p.x - t.edge_x(i), p.y - t.edge_y(j), p.z};
-  if (!(p.z >= *spot.heights)) return distance_farther(grid, spot, p.x, p.y, T(0));
+  // Cells of the grid and its border, counted from the border's corner.
+  const T u = (p.x - t.border_x0) * t.inverse_cell, v = (p.y - t.border_y0) * t.inverse_cell;
+  const int i = whole(u), j = whole(v);
+  constexpr unsigned border = HeightTable<T>::border;
+  if (static_cast<unsigned>(i) - border >= static_cast<unsigned>(t.nx) ||
+      static_cast<unsigned>(j) - border >= static_cast<unsigned>(t.ny))
+    return distance_of_any(grid, p);
+  const Spot<T> spot{t.bordered.data() + i + static_cast<std::ptrdiff_t>(t.stride) * j,
+                     p.x - (t.border_x0 + whole_part(u) * t.cell), p.y - (t.border_y0 + whole_part(v) * t.cell), p.z};
+  if (!(p.z >= *spot.heights)) return distance_farther(grid, spot.heights, spot.x, spot.y, p.x, p.y, p.z, T(0));
   const Nearby<T> found = nearby<false, false>(t, spot);
-  return found.squared < found.beyond ? root(found.squared) : distance_farther(grid, spot, p.x, p.y, found.squared);
+  return found.squared < found.beyond
+             ? root(found.squared)
+             : distance_farther(grid, spot.heights, spot.x, spot.y, p.x, p.y, p.z, found.squared);
 }
 
 /// The lanes' distances alone: what asks no lane's own question is done for all at once.
@@ -344,7 +374,8 @@ inline core::Pack<T, N> distance_of_lanes(const HeightGrid& grid, const core::Ve
   if (!core::all(known)) {
     for (int l = 0; l < N; ++l) {
       if (known[l]) continue;
-      out.set(l, over[l] ? distance_farther(grid, spot(l), p.x[l], p.y[l], squared[l])
+      out.set(l, over[l] ? distance_farther(grid, t.bordered.data() + cell[l], from_x[l], from_y[l], p.x[l], p.y[l],
+                                            p.z[l], squared[l])
                          : distance_of_any(grid, core::Vector3<T>{p.x[l], p.y[l], p.z[l]}));
     }
   }
