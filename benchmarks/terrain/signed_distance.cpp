@@ -74,6 +74,19 @@ void inside(benchmark::State& state) {
   surface<S>(state, true);
 }
 
+/// The distance without its gradient.
+template <class S>
+void alone(benchmark::State& state) {
+  const terrain::HeightGrid grid = ground();
+  const auto places = body<S>(grid, false);
+  for (auto _ : state)
+    for (const Vector<S>& p : places) {
+      S distance = terrain::signed_distance(grid, p);
+      benchmark::DoNotOptimize(distance);
+    }
+  per_point(state, core::lane_count<S>);
+}
+
 template <class S>
 void contact_surface(benchmark::State& state) {
   const terrain::HeightGrid grid = ground();
@@ -91,5 +104,8 @@ void contact_surface(benchmark::State& state) {
 BENCHMARK_TEMPLATE(outside, double);
 BENCHMARK_TEMPLATE(inside, double);
 BENCHMARK_TEMPLATE(outside, float);
+BENCHMARK_TEMPLATE(alone, double);
+BENCHMARK_TEMPLATE(alone, float);
+BENCHMARK_TEMPLATE(alone, core::Pack<float>);
 BENCHMARK_TEMPLATE(contact_surface, float);
 BENCHMARK_TEMPLATE(contact_surface, core::Pack<float>);
