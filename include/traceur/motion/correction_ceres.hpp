@@ -143,6 +143,7 @@ public:
       for (int b = 0; b < bodies(); ++b)
         jerk_multipliers_(b, k) = held_jerk(k, b, excess(loss_.jerk_of(b, k, w_))).slope;
   }
+
   void PrepareForEvaluation(bool jacobians, bool new_point) override {
     if (!new_point && (!jacobians || jacobians_)) return;
     jacobians_ = jacobians;
@@ -251,8 +252,9 @@ private:
     if (!jacobians) return;
     const double along = std::sqrt(curvature(kink, loss_.weights().jerk, rounding_.jerk, options_));
     out.turn = along * Eigen::Matrix3d::Identity();
-    if (!(kink.slope > 0)) return;
     const double size = norm(j);
+    // A jerk that is held may be none by now, and leads nowhere then.
+    if (!(kink.slope > 0) || !(size > 0)) return;
     const Eigen::Vector3d u = j.eigen() / size;
     const double across = std::sqrt(kink.slope / size);
     out.turn = across * Eigen::Matrix3d::Identity() + (along - across) * u * u.transpose();
