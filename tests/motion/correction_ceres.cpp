@@ -157,6 +157,20 @@ TEST_CASE("correction: quick Ceres is lower after a few iterations than the pape
   CHECK(solved.iterations <= 16);
 }
 
+TEST_CASE("correction: a body that does not move, lifted out of the ground, has no jerks to speak of") {
+  const auto points = body::surface_points(walk_on_boxes::character());
+  motion::Clip source = walk_on_boxes::clip(12, 0.08);
+  source.poses.colwise() = Eigen::VectorXd(source.poses.col(0));
+  for (const auto& options : {motion::CeresCorrectionOptions(), motion::CeresCorrectionOptions::quick(),
+                              motion::CeresCorrectionOptions::thorough()}) {
+    const auto solved = motion::correct_ceres(source, points, walk_on_boxes::ground(), options);
+    CHECK(solved.report.before.penetration > 0.1);
+    CHECK(solved.report.after.penetration < 0.01 * solved.report.before.penetration);
+    CHECK(solved.report.after.jerk == 0);
+    CHECK_NOTHROW(solved.clip.check());
+  }
+}
+
 TEST_CASE("correction: options that cannot be are named") {
   const auto points = body::surface_points(walk_on_boxes::character());
   const motion::Clip source = walk_on_boxes::clip(8, 0.1);
