@@ -12,7 +12,8 @@
 #include <traceur/evaluate/motion_quality.hpp>
 #include <traceur/parameterize/density.hpp>
 #include <traceur/parameterize/elite_set.hpp>
-#include <traceur/terrain/generators.hpp>
+
+#include "../rough_ground.hpp"
 
 namespace {
 
@@ -22,14 +23,6 @@ using Matrix = Eigen::Matrix<T, Eigen::Dynamic, Eigen::Dynamic>;
 
 constexpr Eigen::Index frames = 150;
 constexpr int bodies = 15, per_body = 20;
-
-terrain::HeightGrid ground() {
-  terrain::RandomBoxes p;
-  p.nx = p.ny = 32;
-  p.boxes = 40;
-  core::RandomStream random(3);
-  return terrain::random_boxes(p, random);
-}
 
 /// A cloud of points as large as a body that goes along x, a tenth of them in the ground.
 template <class T>
@@ -48,14 +41,14 @@ Matrix<T> points(const terrain::HeightGrid& grid, Eigen::Index count) {
 
 template <class T>
 void penetration(benchmark::State& state) {
-  const terrain::HeightGrid grid = ground();
+  const terrain::HeightGrid grid = rough_ground();
   const Matrix<T> places = points<T>(grid, bodies * per_body);
   for (auto _ : state) benchmark::DoNotOptimize(evaluate::penetration_loss<T>(grid, places));
 }
 
 template <class T>
 void contact(benchmark::State& state) {
-  const terrain::HeightGrid grid = ground();
+  const terrain::HeightGrid grid = rough_ground();
   const Matrix<T> places = points<T>(grid, bodies * per_body);
   std::vector<int> body_of_point;
   for (int k = 0; k < bodies * per_body; ++k) body_of_point.push_back(k / per_body);
@@ -66,7 +59,7 @@ void contact(benchmark::State& state) {
 
 template <class T>
 void high_jerk(benchmark::State& state) {
-  const Matrix<T> joints = points<T>(ground(), bodies);
+  const Matrix<T> joints = points<T>(rough_ground(), bodies);
   for (auto _ : state) benchmark::DoNotOptimize(evaluate::high_jerk_share<T>(joints, T(1.0 / 30)));
 }
 

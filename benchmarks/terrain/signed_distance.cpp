@@ -9,8 +9,9 @@
 
 #include <traceur/core/pack.hpp>
 #include <traceur/core/random.hpp>
-#include <traceur/terrain/generators.hpp>
 #include <traceur/terrain/signed_distance.hpp>
+
+#include "../rough_ground.hpp"
 
 namespace {
 
@@ -19,14 +20,6 @@ template <class S>
 using Vector = core::Vector3<S>;
 
 constexpr std::size_t points = 64;
-
-terrain::HeightGrid ground() {
-  terrain::RandomBoxes p;
-  p.nx = p.ny = 32;
-  p.boxes = 40;
-  core::RandomStream random(3);
-  return terrain::random_boxes(p, random);
-}
 
 /// Around a body on the ground; `below` puts every point half a metre under the ground it is over.
 template <class S>
@@ -54,7 +47,7 @@ void per_point(benchmark::State& state, int lanes) {
 
 template <class S>
 void surface(benchmark::State& state, bool below) {
-  const terrain::HeightGrid grid = ground();
+  const terrain::HeightGrid grid = rough_ground();
   const auto places = body<S>(grid, below);
   for (auto _ : state)
     for (const Vector<S>& p : places) {
@@ -77,7 +70,7 @@ void inside(benchmark::State& state) {
 /// The distance without its gradient.
 template <class S>
 void alone(benchmark::State& state) {
-  const terrain::HeightGrid grid = ground();
+  const terrain::HeightGrid grid = rough_ground();
   const auto places = body<S>(grid, false);
   for (auto _ : state)
     for (const Vector<S>& p : places) {
@@ -89,7 +82,7 @@ void alone(benchmark::State& state) {
 
 template <class S>
 void contact_surface(benchmark::State& state) {
-  const terrain::HeightGrid grid = ground();
+  const terrain::HeightGrid grid = rough_ground();
   const auto places = body<S>(grid, false);
   for (auto _ : state)
     for (const Vector<S>& p : places) {
