@@ -278,7 +278,8 @@ template <class T>
   return surface_of_one(grid, p).distance;
 }
 
-/// The distance of a point over the grid, where what is found nearby does not settle it.
+/// The distance of a point over the grid, where what is found nearby does not settle it. Its spot comes in parts: most
+/// points' are then never written to memory.
 template <class T>
 [[gnu::noinline]] inline T distance_farther(const HeightGrid& grid, const T* heights, T from_x, T from_y, T x, T y, T z,
                                             T squared) noexcept {
