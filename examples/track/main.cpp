@@ -10,6 +10,7 @@
 // Of the speed task the clips are where episodes begin, and what a discriminator compares the policy's motion with; its doubt
 // is the style reward, added to what a rollout earned before advantages are taken.
 //
+#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <thread>
@@ -96,9 +97,12 @@ void write_replay(const fs::path& path, const std::string& title, const Scene& s
 /// Tests and shows a policy; puts what it finds into the report. Returns whether it tracks at all.
 bool judge(const Options& o, const Scene& scene, learn::Policy<float>& policy, Json& report,
            Facts& facts) {
-  constexpr int trials = 100;
-  const auto spread = test(scene, o, policy, learn::TrackingStart::spread, o.quick ? 16 : trials);
-  const auto begin = test(scene, o, policy, learn::TrackingStart::begin, 1);
+  constexpr double usual_s = 20, long_s = 60;
+  const int trials = o.quick ? 16 : 100;
+  const auto spread = test(scene, o, policy, learn::TrackingStart::spread, trials, usual_s);
+  const auto begin = test(scene, o, policy, learn::TrackingStart::begin, 1, usual_s);
+  const bool cycles = !o.quick && std::any_of(scene.motions.begin(), scene.motions.end(), [](const auto& m) { return m.cyclic; });
+  const auto lasting = cycles ? test(scene, o, policy, learn::TrackingStart::spread, trials, long_s) : std::vector<Evaluation>{};
   Json clips = Json::array();
   bool tracks = true;
   for (std::size_t m = 0; m < scene.motions.size(); ++m) {
@@ -106,6 +110,7 @@ bool judge(const Options& o, const Scene& scene, learn::Policy<float>& policy, J
               {"cyclic", scene.motions[m].cyclic}};
     clip.update(to_json(spread[m]));
     clip["from_begin"] = to_json(begin[m]);
+    if (cycles && scene.motions[m].cyclic) clip["for_60_s"] = to_json(lasting[m]);
     clips.push_back(clip);
     const std::string text = "return " + rounded(spread[m].normalized_return, 3) + ", " + std::to_string(spread[m].completed) +
                              " of " + std::to_string(spread[m].episodes) + " episodes completed, joints off by " +

@@ -24,6 +24,7 @@ void take_over(Options& o, const fs::path& path, bool simulator_given) {
     if (o.character.empty()) o.character = saved.at("character").get<std::string>();
     o.task = saved.value("task", o.task);
     o.reward = saved.value("reward", o.reward);
+    o.priority_floor = saved.value("priority_floor", o.priority_floor);
     o.slowest = saved.value("slowest_m_s", o.slowest);
     o.fastest = saved.value("fastest_m_s", o.fastest);
     if (!simulator_given) o.simulator = saved.value("simulator", o.simulator);
@@ -42,7 +43,7 @@ Json job_arguments(const Options& o) {
   for (const fs::path& clip : o.clips) clips.push_back(clip.string());
   return Json{{"clips", clips},   {"character", o.character.string()},
               {"task", o.task}, {"reward", o.reward},
-              {"simulator", o.simulator}, {"slowest_m_s", o.slowest}, {"fastest_m_s", o.fastest},
+              {"priority_floor", o.priority_floor}, {"simulator", o.simulator}, {"slowest_m_s", o.slowest}, {"fastest_m_s", o.fastest},
               {"samples", o.samples}, {"seed", o.seed},
               {"quick", o.quick}};
 }
@@ -63,6 +64,10 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--task", o.task, "track the clips (default), or speed: move as fast as asked, in their style (AMP)")
       ->check(CLI::IsMember({"track", "speed"}));
   app.add_option("--reward", o.reward, "of tracking: deepmimic (default), parc or hil")->check(CLI::IsMember({"deepmimic", "parc", "hil"}));
+  app.add_option("--priority-floor", o.priority_floor,
+                 "of several clips, those that fail are practised more, but none less than this share of one that always fails\n"
+                 "(default 0.01; 1: all alike)")
+      ->check(CLI::Range(1e-6, 1.0));
   app.add_option("--simulator", o.simulator, "what to learn or show it on: bundled (default), mujoco, dart, ode or bullet");
   app.add_option("--slowest", o.slowest, "speed that the speed task asks for at least, m/s (default 1)")->check(CLI::NonNegativeNumber);
   app.add_option("--fastest", o.fastest, "and at most (default 4)")->check(CLI::PositiveNumber);
@@ -83,7 +88,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.resume && !o.play.empty()) throw traceur::Error("--resume and --play: expected one of them");
   if (o.resume) {
     if (!o.clips.empty() || app.count("--out") + app.count("--samples") + app.count("--seed") + app.count("--quick") + app.count("--task") +
-                                app.count("--reward") + app.count("--slowest") + app.count("--fastest") + app.count("--simulator") > 0)
+                                app.count("--reward") + app.count("--slowest") + app.count("--fastest") + app.count("--simulator") + app.count("--priority-floor") > 0)
       throw traceur::Error("--resume: the job knows its clips, task, samples, seed and folder; leave them out");
     o.out = resume;
     take_over(o, o.out / "checkpoint.safetensors", false);

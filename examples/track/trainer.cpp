@@ -35,6 +35,7 @@ learn::TrackingSettings settings_for(TrackingStart start, const Options& options
   learn::TrackingSettings s;
   s.start = start;
   s.reward = reward_for(options.reward);
+  s.priority_floor = options.priority_floor;
   s.spread_ages = start == TrackingStart::anywhere;
   return s;
 }
@@ -235,12 +236,15 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
   return t;
 }
 
-std::vector<Evaluation> test(const Scene& scene, const Options& options, learn::Policy<float>& policy, TrackingStart start, int count) {
+std::vector<Evaluation> test(const Scene& scene, const Options& options, learn::Policy<float>& policy, TrackingStart start, int count,
+                             double cyclic_s) {
   core::ThreadExecutor executor(options.threads);
   // A whole number of packs and of motions, and no fewer than asked for.
   const int unit = core::lane_count<Lane> * static_cast<int>(scene.motions.size());
   const int lanes = (count * static_cast<int>(scene.motions.size()) + unit - 1) / unit * unit;
-  Environments envs(scene.model, scene.roles, scene.motions, lanes, settings_for(start, options), sim::Ground<float>(), extras_of(scene.model), executor);
+  learn::TrackingSettings settings = settings_for(start, options);
+  settings.episode_s = cyclic_s;
+  Environments envs(scene.model, scene.roles, scene.motions, lanes, settings, sim::Ground<float>(), extras_of(scene.model), executor);
   use_simulator(envs, scene, options);
   return learn::evaluate_tracking(envs, test_seed + 1, [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); });
 }

@@ -74,9 +74,10 @@ struct Training {
 /// with the same result whatever their number; the first of them writes.
 Training train(const Scene& scene, const Options& options, traceur::learn::ProcessGroup& processes);
 
-/// One episode of the mean action from each of `count` starts, by motion.
+/// One episode of the mean action from each of `count` starts, by motion: `cyclic_s` seconds of cyclic motions, others as long
+/// as they last.
 std::vector<Evaluation> test(const Scene& scene, const Options& options, traceur::learn::Policy<float>& policy,
-                             traceur::learn::TrackingStart start, int count);
+                             traceur::learn::TrackingStart start, int count, double cyclic_s);
 
 /// What was seen of one character.
 struct Recording {

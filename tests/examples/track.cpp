@@ -84,6 +84,19 @@ TEST_CASE("track learns to walk in seconds, on any number of threads, and goes o
   CHECK(why.find("gradient: layers.") != std::string::npos);
   CHECK((text_of(checkpoint) == before));
 
+  // What is repeated is also followed for a minute.
+  std::string repeated = text_of(clip);
+  const std::string once = "\"cyclic\":false";
+  REQUIRE(repeated.find(once) != std::string::npos);
+  repeated.replace(repeated.find(once), once.size(), "\"cyclic\":true");
+  std::ofstream(folder / "repeated.jsonl") << repeated;
+  const fs::path minute = folder / "minute";
+  track(folder, (folder / "repeated.jsonl").string() + " --play " + (one / "policy.safetensors").string() + " --out " + minute.string());
+  const nlohmann::json lasting = report_of(minute)["clips"][0]["for_60_s"];
+  CHECK(lasting["episodes"].get<int>() >= 100);
+  CHECK(lasting["mean_episode_s"].get<double>() <= 60);
+  CHECK_FALSE(report["clips"][0].contains("for_60_s"));
+
   const fs::path played = folder / "played";
   REQUIRE(track(folder, "--play " + (one / "policy.safetensors").string() + " --out " + played.string()).status == 0);
   CHECK(report_of(played)["normalized_return"] == report["normalized_return"]);

@@ -47,6 +47,7 @@ struct TrackingSettings {
   TrackingRewardParameters reward;  ///< DeepMimic's by default
   bool meet_again = true;     ///< whether the reference is put back over the root, horizontally, after each cycle
   TrackingStart start = TrackingStart::anywhere;
+  double priority_floor = 0.01;  ///< of `PrioritizedClips`; 1: every motion is begun as often as any other
   bool spread_ages = false;   ///< whether the first episodes end at different times, so that later ones do not end together
   TrackingEndings endings;
   std::int64_t first_environment = 0;  ///< which of all environments the first is, where a task is shared out
@@ -86,7 +87,7 @@ class Tracking {
         settings_(settings),
         ground_(ground),
         executor_(&executor),
-        priorities_(std::max(1, static_cast<int>(motions_.size()))),
+        priorities_(std::max(1, static_cast<int>(motions_.size())), settings.priority_floor),
         reward_(model.character.skeleton, end_effectors(model, roles), settings.reward) {
     if (motions_.empty()) throw Error("tracking: expected a motion");
     for (const ReferenceMotion& m : motions_) {
