@@ -30,8 +30,9 @@ using core::detail::load_rows;
 using core::detail::masked;
 using core::detail::multiply_panel;
 using core::detail::multiply_panels;
-using core::detail::multiply_tile;
 using core::detail::pack_panels;
+using core::detail::pack_tiles;
+using core::detail::PackedRight;
 using core::detail::padded_rows;
 using core::detail::panel_vectors;
 using core::detail::Right;
@@ -46,6 +47,9 @@ using core::detail::VectorOf;
 
 // Terms of an outer product summed at a time: their operands stay in a near cache.
 inline constexpr Eigen::Index outer_depth = 256;
+// An outer product reads its right operand across columns, of which a cache may hold few if their stride is a power of
+// two. From so many registers of rows on a copy pays, of so many columns of the result at a time.
+inline constexpr Eigen::Index outer_copied = 24, outer_columns = 16 * tile_columns;
 // Columns of a product finished at a time, and handed on while they are still in a near cache. A left operand that does
 // not stay there itself is fetched anew for each strip.
 constexpr Eigen::Index strip_columns(Eigen::Index size) noexcept { return (size > 1 << 17 ? 32 : 8) * tile_columns; }
@@ -81,24 +85,26 @@ void pack_transposed_panels(Eigen::Index rows, Eigen::Index depth, const S* a, E
   const Eigen::Index vectors = padded_rows<S>(rows) / w;
   for (Eigen::Index v = 0; v < vectors;) {
     const int taken = panel_vectors(vectors - v);
-    for (int i = 0; i < taken; ++i) {
-      const Eigen::Index row = (v + i) * w, columns = std::min(w, rows - row);
-      const S* from = a + row * stride;
-      for (Eigen::Index k = 0; k < depth; k += w) {
-        const Eigen::Index count = std::min(w, depth - k);
+    for (Eigen::Index k = 0; k < depth; k += w) {
+      const Eigen::Index count = std::min(w, depth - k);
+      for (int i = 0; i < taken; ++i) {
+        const Eigen::Index row = (v + i) * w, columns = std::min(w, rows - row);
+        const S* from = a + row * stride + k;
+        S* panel = to + k * taken * w + i * w;
         VectorOf<S> block[lanes<S>];
         if (columns == w && count == w) {
-          unroll<lanes<S>>([&](auto n) __attribute__((always_inline)) { block[n] = load<S>(from + n * stride + k); });
+          unroll<lanes<S>>([&](auto n) __attribute__((always_inline)) { block[n] = load<S>(from + n * stride); });
+          transpose<S>(block);
+          unroll<lanes<S>>([&](auto n) __attribute__((always_inline)) { store<S>(panel + n * taken * w, block[n]); });
         } else {
           unroll<lanes<S>>([&](auto n) __attribute__((always_inline)) {
-            block[n] = n < columns ? load_part<S>(from + n * stride + k, count) : VectorOf<S>{};
+            block[n] = n < columns ? load_part<S>(from + n * stride, count) : VectorOf<S>{};
+          });
+          transpose<S>(block);
+          unroll<lanes<S>>([&](auto n) __attribute__((always_inline)) {
+            if (n < count) store<S>(panel + n * taken * w, block[n]);
           });
         }
-        transpose<S>(block);
-        S* panel = to + k * taken * w + i * w;
-        unroll<lanes<S>>([&](auto n) __attribute__((always_inline)) {
-          if (n < count) store<S>(panel + n * taken * w, block[n]);
-        });
       }
     }
     to += taken * w * depth;
@@ -178,23 +184,22 @@ void multiply_narrow(ConstMatrix<S> w, ConstMatrix<S> x, Start<S> start, Matrix<
 // zero are worth finding.
 inline constexpr Eigen::Index sparing_size = 1 << 15;
 
-/// V registers of rows of y = start + w x for a single column. The last register has `last` rows. If `Sparing`, only
-/// the `depth` columns of w that `columns` lists.
-template <class S, int V, bool Sparing>
+/// V registers of rows of y = start + w x for a single column, of the last one only `last` rows if `Part`. If
+/// `Sparing`, only the `depth` columns of w that `columns` lists.
+template <class S, int V, bool Sparing, bool Part>
 [[gnu::noinline]] void multiply_column(Eigen::Index depth, const S* a, Eigen::Index a_step, const S* x,
                                        const std::int32_t* columns, const S* start, S* y, Eigen::Index last) noexcept {
   using Vector = VectorOf<S>;
-  const bool part = masked<S> || last < lanes<S>;
   Vector sum[V] = {};
-  if (start != nullptr) load_rows<S, V>(start, part, last, sum);
+  if (start != nullptr) load_rows<S, V, Part>(start, last, sum);
   for (Eigen::Index i = 0; i < depth; ++i) {
     const Eigen::Index k = Sparing ? Eigen::Index{columns[i]} : i;
     Vector left[V];
-    load_rows<S, V>(a + k * a_step, part, last, left);
+    load_rows<S, V, Part>(a + k * a_step, last, left);
     const Vector factor = x[k] - Vector{};
     unroll<V>([&](auto v) __attribute__((always_inline)) { sum[v] = sum[v] + left[v] * factor; });
   }
-  store_rows<S, V>(y, part, last, sum);
+  store_rows<S, V, Part>(y, last, sum);
 }
 
 template <class S, bool Sparing>
@@ -207,9 +212,16 @@ void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::I
     const auto go = [&](auto taken) {
       constexpr int n = decltype(taken)::value;
       if (vectors - v < n) return false;
-      const Eigen::Index row = v * w;
-      multiply_column<S, n, Sparing>(depth, a + row, a_step, x, columns, start ? start + row : nullptr, y + row,
-                                     std::min(w, rows - row - (n - 1) * w));
+      const Eigen::Index row = v * w, last = std::min(w, rows - row - (n - 1) * w);
+      const auto multiply = [&](auto part) {
+        multiply_column<S, n, Sparing, decltype(part)::value>(depth, a + row, a_step, x, columns,
+                                                              start ? start + row : nullptr, y + row, last);
+      };
+      if (masked<S> || last < w) {
+        multiply(std::true_type{});
+      } else {
+        multiply(std::false_type{});
+      }
       v += n;
       return true;
     };
@@ -279,7 +291,7 @@ template <class S>
 Eigen::Index product_scratch(Eigen::Index rows, Eigen::Index cols) noexcept {
   using detail::padded_rows;
   const Eigen::Index forward = padded_rows<S>(rows) * padded_rows<S>(cols), backward = padded_rows<S>(cols) * rows;
-  const Eigen::Index outer = padded_rows<S>(rows) * detail::outer_depth;
+  const Eigen::Index outer = (padded_rows<S>(rows) + detail::outer_columns) * detail::outer_depth;
   return std::max({forward, backward, outer});
 }
 
@@ -315,7 +327,7 @@ void transposed_product(ConstMatrix<S> w, ConstMatrix<S> y, Matrix<S> x, S* scra
 template <class S>
 void outer_product(ConstMatrix<S> y, ConstMatrix<S> x, Matrix<S> w, S* scratch) noexcept {
   assert(w.rows() == y.rows() && w.cols() == x.rows() && x.cols() == y.cols());
-  using detail::lanes, detail::outer_depth;
+  using detail::lanes, detail::outer_columns, detail::outer_copied, detail::outer_depth, detail::padded_rows;
   const Eigen::Index rows = w.rows(), cols = w.cols(), columns = x.cols();
   if (detail::is_narrow<S>(rows) && cols >= lanes<S>) {
     // A few rows fill no register; the transpose does.
@@ -326,12 +338,23 @@ void outer_product(ConstMatrix<S> y, ConstMatrix<S> x, Matrix<S> w, S* scratch) 
     }
     return;
   }
-  const detail::Start<S> start{w.data(), w.outerStride()};
   for (Eigen::Index first = 0; first < columns; first += outer_depth) {
     const Eigen::Index depth = std::min(outer_depth, columns - first);
     detail::pack_panels<S>(rows, depth, y.data() + first * y.outerStride(), y.outerStride(), scratch);
-    detail::multiply_panels<S>(rows, cols, depth, scratch, 0, {x.data() + first * x.outerStride(), x.outerStride(), 1},
-                               start, w.data(), w.outerStride());
+    const S* const right = x.data() + first * x.outerStride();
+    if (padded_rows<S>(rows) < outer_copied * lanes<S>) {
+      detail::multiply_panels<S>(rows, cols, depth, scratch, 0, {right, x.outerStride(), 1},
+                                 {w.data(), w.outerStride()}, w.data(), w.outerStride());
+      continue;
+    }
+    S* const tiles = scratch + padded_rows<S>(rows) * depth;
+    for (Eigen::Index j = 0; j < cols; j += outer_columns) {
+      const Eigen::Index count = std::min(outer_columns, cols - j);
+      detail::pack_tiles<S>(count, depth, right + j, x.outerStride(), tiles);
+      S* const to = w.data() + j * w.outerStride();
+      detail::multiply_panels<S>(rows, count, depth, scratch, 0, detail::PackedRight<S>{tiles, depth},
+                                 {to, w.outerStride()}, to, w.outerStride());
+    }
   }
 }
 

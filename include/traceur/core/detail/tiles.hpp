@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#if defined(__AVX512F__)
+#if defined(__AVX__)
 #include <immintrin.h>
 #endif
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <type_traits>
 #include <utility>
@@ -71,6 +73,16 @@ template <class S>
 inline constexpr bool masked = false;
 #endif
 
+#if defined(__AVX__) && !defined(__AVX512F__)
+/// As many set lanes as there are in a register, then as many empty ones.
+template <class S>
+inline constexpr auto first_lanes = [] {
+  std::array<std::conditional_t<sizeof(S) == 4, std::int32_t, std::int64_t>, 2 * lanes<S>> mask{};
+  for (std::size_t i = 0; i < lanes<S>; ++i) mask[i] = -1;
+  return mask;
+}();
+#endif
+
 /// The first `count` lanes from memory, 0 < count <= lanes; zero in the others, whose memory is not touched.
 template <class S>
 [[gnu::always_inline]] inline VectorOf<S> load_part(const S* from, Eigen::Index count) noexcept {
@@ -80,6 +92,14 @@ template <class S>
     return VectorOf<S>(_mm512_maskz_loadu_ps(static_cast<__mmask16>(mask), from));
   } else {
     return VectorOf<S>(_mm512_maskz_loadu_pd(static_cast<__mmask8>(mask), from));
+  }
+#elif defined(__AVX__)
+  __m256i mask;
+  std::memcpy(&mask, first_lanes<S>.data() + lanes<S> - count, sizeof mask);
+  if constexpr (sizeof(S) == 4) {
+    return VectorOf<S>(_mm256_maskload_ps(from, mask));
+  } else {
+    return VectorOf<S>(_mm256_maskload_pd(from, mask));
   }
 #else
   S part[lanes<S>] = {};
@@ -104,21 +124,19 @@ template <class S>
 #endif
 }
 
-/// V registers of numbers, of the last one only `last` if `part`.
-template <class S, int V>
-[[gnu::always_inline]] inline void load_rows(const S* from, bool part, Eigen::Index last,
-                                             VectorOf<S> (&to)[V]) noexcept {
+/// V registers of numbers, of the last one only `last` if `Part`.
+template <class S, int V, bool Part>
+[[gnu::always_inline]] inline void load_rows(const S* from, Eigen::Index last, VectorOf<S> (&to)[V]) noexcept {
   unroll<V - 1>([&](auto v) __attribute__((always_inline)) { to[v] = load<S>(from + v * lanes<S>); });
   constexpr int at = (V - 1) * lanes<S>;
-  to[V - 1] = part ? load_part<S>(from + at, last) : load<S>(from + at);
+  to[V - 1] = Part ? load_part<S>(from + at, last) : load<S>(from + at);
 }
 
-template <class S, int V>
-[[gnu::always_inline]] inline void store_rows(S* to, bool part, Eigen::Index last,
-                                              const VectorOf<S> (&from)[V]) noexcept {
+template <class S, int V, bool Part>
+[[gnu::always_inline]] inline void store_rows(S* to, Eigen::Index last, const VectorOf<S> (&from)[V]) noexcept {
   unroll<V - 1>([&](auto v) __attribute__((always_inline)) { store<S>(to + v * lanes<S>, from[v]); });
   constexpr int at = (V - 1) * lanes<S>;
-  if (part) {
+  if constexpr (Part) {
     store_part<S>(to + at, from[V - 1], last);
   } else {
     store<S>(to + at, from[V - 1]);
@@ -136,6 +154,20 @@ constexpr int panel_vectors(Eigen::Index left) noexcept {
   return static_cast<int>(std::min<Eigen::Index>(left, tile_vectors));
 }
 
+/// Calls f with `vectors`, at most `tile_vectors`, as a constant.
+template <class F>
+void for_vectors(int vectors, F&& f) {
+  if constexpr (tile_vectors == 4) {
+    if (vectors == 4) return f(std::integral_constant<int, 4>{});
+    if (vectors == 3) return f(std::integral_constant<int, 3>{});
+  }
+  if (vectors == 2) return f(std::integral_constant<int, 2>{});
+  f(std::integral_constant<int, 1>{});
+}
+
+template <class S>
+alignas(64) inline constexpr S zeros[tile_vectors * lanes<S>] = {};
+
 /// Where a sum starts: at `from[row + column * stride]`, or at zero if there is no `from`.
 template <class S>
 struct Start {
@@ -143,58 +175,37 @@ struct Start {
   Eigen::Index stride;
 };
 
-/// The right operand: element (k, column) at `from[k * step + column * stride]`.
+/// The right operand where it lies: element (k, column) at `from[k * step + column * stride]`.
 template <class S>
 struct Right {
   const S* from;
   Eigen::Index step, stride;
+
+  template <int N>
+  [[gnu::always_inline]] Right tile() const noexcept {
+    return *this;
+  }
+  [[gnu::always_inline]] void advance(Eigen::Index columns) noexcept { from += columns * stride; }
 };
 
-/// c(rows, N) = start + a b over the depth, for (V - 1) registers of rows < rows <= V registers. Column k of the panel
-/// is at a + k * a_step and is read to a whole number of registers.
-template <class S, int V, int N>
-[[gnu::noinline]] void multiply_tile(Eigen::Index depth, Eigen::Index rows, const S* a, Eigen::Index a_step, Right<S> b,
-                                     Start<S> start, S* c, Eigen::Index c_stride) noexcept {
-  using Vector = VectorOf<S>;
-  constexpr int w = lanes<S>;
-  const Eigen::Index last = rows - (V - 1) * w;
-  // Processors with masks store a full register through one as fast as without.
-  const bool part = masked<S> || last < w;
-  Vector sum[N][V];
-  if (start.from == nullptr) {
-    unroll<N * V>([&](auto i) __attribute__((always_inline)) { sum[i / V][i % V] = Vector{}; });
-  } else {
-    unroll<N>([&](auto n) __attribute__((always_inline)) {
-      load_rows<S, V>(start.from + n * start.stride, part, last, sum[n]);
-    });
-  }
-  const S* right = b.from;
-  for (Eigen::Index k = 0; k < depth; ++k) {
-    Vector left[V];
-    unroll<V>([&](auto v) __attribute__((always_inline)) { left[v] = load<S>(a + v * w); });
-    unroll<N>([&](auto n) __attribute__((always_inline)) {
-      // Subtracting zero spreads a number over the lanes and is folded away, as adding zero is not.
-      const Vector factor = right[n * b.stride] - Vector{};
-      unroll<V>([&](auto v) __attribute__((always_inline)) { sum[n][v] = sum[n][v] + left[v] * factor; });
-    });
-    a += a_step;
-    right += b.step;
-  }
-  unroll<N>([&](auto n) __attribute__((always_inline)) { store_rows<S, V>(c + n * c_stride, part, last, sum[n]); });
-}
+/// The right operand as a copy: tile after tile, of each the columns side by side.
+template <class S>
+struct PackedRight {
+  const S* from;
+  Eigen::Index depth;
 
-/// A panel times all columns.
-template <class S, int V>
-void multiply_panel(Eigen::Index columns, Eigen::Index depth, Eigen::Index rows, const S* a, Eigen::Index a_step,
-                    Right<S> b, Start<S> start, S* c, Eigen::Index c_stride) noexcept {
-  const auto tiles = [&](auto width) {
-    constexpr int n = decltype(width)::value;
-    for (; columns >= n; columns -= n) {
-      multiply_tile<S, V, n>(depth, rows, a, a_step, b, start, c, c_stride);
-      b.from += n * b.stride;
-      if (start.from != nullptr) start.from += n * start.stride;
-      c += n * c_stride;
-    }
+  template <int N>
+  [[gnu::always_inline]] Right<S> tile() const noexcept {
+    return {from, N, 1};
+  }
+  [[gnu::always_inline]] void advance(Eigen::Index columns) noexcept { from += columns * depth; }
+};
+
+/// Calls f(width) for each tile of so many columns, of constant widths.
+template <class F>
+[[gnu::always_inline]] inline void for_each_tile(Eigen::Index columns, F&& f) noexcept {
+  const auto tiles = [&](auto width) __attribute__((always_inline)) {
+    for (; columns >= width; columns -= width) f(width);
   };
   tiles(std::integral_constant<int, tile_columns>{});
   tiles(std::integral_constant<int, 4>{});
@@ -202,24 +213,84 @@ void multiply_panel(Eigen::Index columns, Eigen::Index depth, Eigen::Index rows,
   tiles(std::integral_constant<int, 1>{});
 }
 
-template <class S>
-void multiply_panel(int vectors, Eigen::Index columns, Eigen::Index depth, Eigen::Index rows, const S* a,
-                    Eigen::Index a_step, Right<S> b, Start<S> start, S* c, Eigen::Index c_stride) noexcept {
-  if constexpr (tile_vectors == 4) {
-    if (vectors == 4) return multiply_panel<S, 4>(columns, depth, rows, a, a_step, b, start, c, c_stride);
-    if (vectors == 3) return multiply_panel<S, 3>(columns, depth, rows, a, a_step, b, start, c, c_stride);
+/// c = start + a b over a depth of at least 1, for N columns and V registers of rows, of the last one only `last` rows
+/// if `Part`. Column k of the panel is at a + k * a_step and is read to a whole number of registers.
+template <class S, int V, int N, bool Part>
+[[gnu::always_inline]] inline void multiply_tile(Eigen::Index depth, Eigen::Index last, const S* a, Eigen::Index a_step,
+                                                 Right<S> b, Start<S> start, S* c, Eigen::Index c_stride) noexcept {
+  using Vector = VectorOf<S>;
+  Vector sum[N][V];
+  unroll<N>([&](auto n)
+                __attribute__((always_inline)) { load_rows<S, V, Part>(start.from + n * start.stride, last, sum[n]); });
+  Eigen::Index k = 0;
+  do {
+    Vector left[V];
+    unroll<V>([&](auto v) __attribute__((always_inline)) { left[v] = load<S>(a + v * lanes<S>); });
+    unroll<N>([&](auto n) __attribute__((always_inline)) {
+      // Subtracting zero spreads a number over the lanes and is folded away, as adding zero is not.
+      const Vector factor = b.from[n * b.stride] - Vector{};
+      unroll<V>([&](auto v) __attribute__((always_inline)) { sum[n][v] = sum[n][v] + left[v] * factor; });
+    });
+    a += a_step;
+    b.from += b.step;
+  } while (++k < depth);
+  unroll<N>([&](auto n) __attribute__((always_inline)) { store_rows<S, V, Part>(c + n * c_stride, last, sum[n]); });
+}
+
+/// A panel times all columns; B is Right<S> or PackedRight<S>.
+template <class S, int V, bool Part, class B>
+[[gnu::noinline]] void multiply_panel(Eigen::Index columns, Eigen::Index depth, Eigen::Index last, const S* a,
+                                      Eigen::Index a_step, const B& right, const Start<S>& from, S* c,
+                                      Eigen::Index c_stride) noexcept {
+  B b = right;
+  Start<S> start = from.from == nullptr ? Start<S>{zeros<S>, 0} : from;
+  for_each_tile(
+      columns, [&](auto width) __attribute__((always_inline)) {
+        constexpr int n = decltype(width)::value;
+        multiply_tile<S, V, n, Part>(depth, last, a, a_step, b.template tile<n>(), start, c, c_stride);
+        b.advance(n);
+        start.from += n * start.stride;
+        c += n * c_stride;
+      });
+}
+
+/// (V - 1) registers of rows < rows <= V registers.
+template <class S, int V, class B>
+void multiply_panel(Eigen::Index columns, Eigen::Index depth, Eigen::Index rows, const S* a, Eigen::Index a_step,
+                    const B& b, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
+  const Eigen::Index last = rows - (V - 1) * lanes<S>;
+  // Processors with masks store a full register through one as fast as without.
+  if constexpr (!masked<S>) {
+    if (last == lanes<S>) return multiply_panel<S, V, false>(columns, depth, last, a, a_step, b, start, c, c_stride);
   }
-  if (vectors == 2) return multiply_panel<S, 2>(columns, depth, rows, a, a_step, b, start, c, c_stride);
-  multiply_panel<S, 1>(columns, depth, rows, a, a_step, b, start, c, c_stride);
+  multiply_panel<S, V, true>(columns, depth, last, a, a_step, b, start, c, c_stride);
+}
+
+template <class S, class B>
+void multiply_panel(int vectors, Eigen::Index columns, Eigen::Index depth, Eigen::Index rows, const S* a,
+                    Eigen::Index a_step, const B& b, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
+  for_vectors(vectors, [&](auto v) {
+    multiply_panel<S, decltype(v)::value>(columns, depth, rows, a, a_step, b, start, c, c_stride);
+  });
+}
+
+template <class S>
+void copy_start(Eigen::Index rows, Eigen::Index columns, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
+  for (Eigen::Index j = 0; j < columns; ++j) {
+    for (Eigen::Index i = 0; i < rows; ++i) {
+      c[i + j * c_stride] = start.from == nullptr ? S(0) : start.from[i + j * start.stride];
+    }
+  }
 }
 
 /// c = start + a b for all rows, `a` in packed panels, or as a matrix of column stride `a_step` if that is not 0. In a
 /// matrix the last register of rows overlaps the one before it rather than reach beyond the last row: rows >= lanes
 /// then.
-template <class S>
+template <class S, class B = Right<S>>
 void multiply_panels(Eigen::Index rows, Eigen::Index columns, Eigen::Index depth, const S* a, Eigen::Index a_step,
-                     Right<S> b, Start<S> start, S* c, Eigen::Index c_stride) noexcept {
+                     const B& b, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
   constexpr Eigen::Index w = lanes<S>;
+  if (depth == 0) return copy_start(rows, columns, start, c, c_stride);
   const bool packed = a_step == 0;
   const Eigen::Index vectors = packed ? padded_rows<S>(rows) / w : rows / w;
   const auto from = [&](Eigen::Index row) { return Start<S>{start.from ? start.from + row : nullptr, start.stride}; };
@@ -236,23 +307,59 @@ void multiply_panels(Eigen::Index rows, Eigen::Index columns, Eigen::Index depth
   }
 }
 
+// Matrices are copied so many columns at a time, from top to bottom: panels or tiles side by side share cache lines and
+// pages.
+inline constexpr Eigen::Index copied_columns = 8;
+
+/// One panel of `pack_panels`, with V registers of rows, of the last one only `last` rows if `Part`.
+template <class S, int V, bool Part>
+void pack_panel(Eigen::Index depth, Eigen::Index last, const S* a, Eigen::Index stride, S* to) noexcept {
+  for (Eigen::Index k = 0; k < depth; ++k, a += stride, to += V * lanes<S>) {
+    VectorOf<S> column[V];
+    load_rows<S, V, Part>(a, last, column);
+    store_rows<S, V, false>(to, 0, column);
+  }
+}
+
 /// Copies a matrix (rows x depth, column stride `stride`) into panels, the last register of rows filled up with zeros.
 template <class S>
 void pack_panels(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::Index stride, S* to) noexcept {
   constexpr Eigen::Index w = lanes<S>;
-  const Eigen::Index vectors = padded_rows<S>(rows) / w;
-  for (Eigen::Index v = 0; v < vectors;) {
-    const int taken = panel_vectors(vectors - v);
-    const Eigen::Index row = v * w, full = std::min<Eigen::Index>(taken, rows / w - v), last = rows - row - full * w;
-    const S* from = a + row;
-    for (Eigen::Index k = 0; k < depth; ++k, from += stride) {
-      for (Eigen::Index i = 0; i < full; ++i, to += w) store<S>(to, load<S>(from + i * w));
-      if (full < taken) {
-        store<S>(to, load_part<S>(from + full * w, last));
-        to += w;
-      }
+  for (Eigen::Index first = 0; first < depth; first += copied_columns) {
+    const Eigen::Index count = std::min(copied_columns, depth - first);
+    const S* from = a + first * stride;
+    for (Eigen::Index row = 0; row < rows;) {
+      const int taken = panel_vectors(padded_rows<S>(rows - row) / w);
+      S* const panel = to + row * depth + first * taken * w;
+      for_vectors(taken, [&](auto vectors) {
+        constexpr int v = decltype(vectors)::value;
+        if (rows - row >= v * w) {
+          pack_panel<S, v, false>(count, w, from + row, stride, panel);
+        } else {
+          pack_panel<S, v, true>(count, rows - row - (v - 1) * w, from + row, stride, panel);
+        }
+      });
+      row += taken * w;
     }
-    v += taken;
+  }
+}
+
+/// Copies a right operand (depth x columns), element (k, column) at `b[k * step + column]`, for PackedRight: depth
+/// times columns numbers.
+template <class S>
+void pack_tiles(Eigen::Index columns, Eigen::Index depth, const S* b, Eigen::Index step, S* to) noexcept {
+  for (Eigen::Index first = 0; first < depth; first += copied_columns, b += copied_columns * step) {
+    const Eigen::Index count = std::min(copied_columns, depth - first);
+    const S* left = b;
+    S* tile = to;
+    for_each_tile(columns, [&](auto width) {
+      constexpr int n = decltype(width)::value;
+      for (Eigen::Index k = 0; k < count; ++k) {
+        std::memcpy(tile + (first + k) * n, left + k * step, n * sizeof(S));
+      }
+      left += n;
+      tile += n * depth;
+    });
   }
 }
 
