@@ -18,7 +18,8 @@
 namespace traceur::nn {
 
 /// A function applied to every element, as a type without state. `value(z)` maps packs of numbers; `derivative(kept)`
-/// is d value / d z, read from the output value(z) if `reads_output`, else from z itself. NaN stays NaN in both.
+/// is d value / d z, read from the output value(z) if `reads_output`, else from z itself. NaN stays NaN in both. One of
+/// few instructions may say `brief = true`: then its value is found where the sums of a product are.
 template <class A, class S = float>
 concept Activation = requires(const core::Pack<S>& z) {
   { A::reads_output } -> std::convertible_to<bool>;
@@ -139,7 +140,7 @@ struct Identity {
 
 /// max(0, z); its derivative at 0 is 0.
 struct Relu {
-  static constexpr bool reads_output = true;
+  static constexpr bool reads_output = true, brief = true;
   template <class P>
   [[gnu::always_inline]] static P value(const P& z) {
     return select(z < P(0), P(0), z);
@@ -154,7 +155,7 @@ struct Relu {
 template <class Slope = std::ratio<1, 100>>
 struct LeakyRelu {
   static_assert(Slope::num > 0 && Slope::den > 0, "the sign of z is read from the output");
-  static constexpr bool reads_output = true;
+  static constexpr bool reads_output = true, brief = true;
   static constexpr double slope = static_cast<double>(Slope::num) / static_cast<double>(Slope::den);
   template <class P>
   [[gnu::always_inline]] static P value(const P& z) {
@@ -248,6 +249,36 @@ template <class S>
 [[gnu::always_inline]] inline core::Pack<S> load_pack_part(const S* from, Eigen::Index count) noexcept {
   return core::Pack<S>(load_part<S>(from, count));
 }
+
+/// Whether a value takes so few instructions that it is best found while z is in a register.
+template <class A>
+inline constexpr bool is_brief = requires { requires A::brief; };
+
+/// A product ends with the activation of its sums.
+template <class A>
+struct Activated {
+  template <int V, bool Part, class S>
+  [[gnu::always_inline]] void finish(VectorOf<S> (&sum)[V], const S* /*to*/, Eigen::Index /*last*/) const noexcept {
+    unroll<V>([&](auto v) __attribute__((always_inline)) { sum[v] = A::value(core::Pack<S>(sum[v])).v; });
+  }
+};
+
+/// A product that is the gradient with respect to outputs of A, `to`, ends as that with respect to what A was given.
+/// `kept` is what the derivative reads, with the column stride of `to`.
+template <class A, class S>
+struct TimesSlope {
+  const S* kept;
+  const S* to;
+
+  template <int V, bool Part, class>
+  [[gnu::always_inline]] void finish(VectorOf<S> (&sum)[V], const S* at, Eigen::Index last) const noexcept {
+    VectorOf<S> read[V];
+    load_rows<S, V, Part>(kept + (at - to), last, read);
+    unroll<V>([&](auto v) __attribute__((always_inline)) {
+      sum[v] = (core::Pack<S>(sum[v]) * A::derivative(core::Pack<S>(read[v]))).v;
+    });
+  }
+};
 
 }  // namespace detail
 

@@ -50,6 +50,7 @@ void add_columns(ConstMatrix<S> m, S* sums) noexcept {
     unroll<n>([&](auto v) __attribute__((always_inline)) { store<S>(sums + row + v * w, sum[v]); });
   };
   Eigen::Index row = 0;
+  for (; row + 8 * w <= m.rows(); row += 8 * w) rows_of(std::integral_constant<int, 8>{}, row);
   for (; row + 4 * w <= m.rows(); row += 4 * w) rows_of(std::integral_constant<int, 4>{}, row);
   for (; row + w <= m.rows(); row += w) rows_of(std::integral_constant<int, 1>{}, row);
   if (const Eigen::Index left = m.rows() - row; left > 0) {
@@ -66,25 +67,30 @@ template <class A, bool Keep, class S>
 void dense_forward(ConstMatrix<S> weight, const S* bias, ConstMatrix<S> x, Matrix<S> kept, Matrix<S> y,
                    S* scratch) noexcept {
   const Start<S> start{bias, 0};
-  const bool through = Keep && !A::reads_output;
+  constexpr bool through = Keep && !A::reads_output;
   Matrix<S> z = through ? kept : y;
-  product_by_strips<S>(weight, x, start, z, scratch, [&](Eigen::Index first, Eigen::Index count) {
+  const auto after = [&](Eigen::Index first, Eigen::Index count) {
     if constexpr (!std::same_as<A, Identity>) {
       activate<A, S>(z.middleCols(first, count), y.middleCols(first, count));
     } else {
       static_cast<void>(first), static_cast<void>(count);
     }
-  });
+  };
+  if constexpr (is_brief<A> && !through) {
+    product_by_strips<S>(weight, x, start, z, scratch, after, Activated<A>{});
+  } else {
+    product_by_strips<S>(weight, x, start, z, scratch, after);
+  }
 }
 
 /// Adds to the gradients of weight and bias (null for none), and writes dx unless it has no columns. `dz` is the
-/// gradient before the activation.
-template <class S>
+/// gradient before the activation; `end` is what becomes of dx.
+template <class S, class End = AsTheyAre>
 void dense_backward(ConstMatrix<S> weight, ConstMatrix<S> x, ConstMatrix<S> dz, Matrix<S> dweight, S* dbias,
-                    Matrix<S> dx, S* scratch) noexcept {
+                    Matrix<S> dx, S* scratch, const End& end = {}) noexcept {
   outer_product<S>(dz, x, dweight, scratch);
   if (dbias != nullptr) add_columns<S>(dz, dbias);
-  if (dx.cols() > 0) transposed_product<S>(weight, dz, dx, scratch);
+  if (dx.cols() > 0) transposed_product<S>(weight, dz, dx, scratch, Into::set, end);
 }
 
 }  // namespace detail

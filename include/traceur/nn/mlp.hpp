@@ -184,19 +184,22 @@ private:
     const ConstMatrix<S> dy = all_dy.middleCols(first, n);
     Matrix<S> dx = all_dx.cols() == 0 ? all_dx : Matrix<S>(all_dx.middleCols(first, n));
     const std::size_t last = layers() - 1;
+    if constexpr (!linear_output) activate_backward<Output, S>(w.kept.middleCols(first, n), dy, delta<S>(w, last, n));
     for (std::size_t i = layers(); i-- > 0;) {
-      auto dz = delta<S>(w, i, n);
-      if (i < last) {
-        const auto& kept = (Hidden::reads_output ? w.hidden : w.before)[i];
-        activate_backward<Hidden, S>(kept.middleCols(first, n), dz, dz);
-      } else if constexpr (!linear_output) {
-        activate_backward<Output, S>(w.kept.middleCols(first, n), dy, dz);
+      const ConstMatrix<S> dz = linear_output && i == last ? dy : ConstMatrix<S>(delta<S>(w, i, n));
+      const auto back = [&](Matrix<S> to, const auto&... end) {
+        detail::dense_backward<S>(weight(theta, i), input<S>(x, w, i, first, n), dz,
+                                  detail::weight_matrix<S>(dtheta + offsets_[i], widths_[i + 1], widths_[i]),
+                                  dtheta + bias_offset(i), to, w.scratch.data(), end...);
+      };
+      if (i == 0) return back(dx);
+      auto before = delta<S>(w, i - 1, n);
+      if constexpr (Hidden::reads_output) {
+        back(before, detail::TimesSlope<Hidden, S>{w.hidden[i - 1].col(first).data(), before.data()});
+      } else {
+        back(before);
+        activate_backward<Hidden, S>(w.before[i - 1].middleCols(first, n), before, before);
       }
-      const bool as_given = linear_output && i == last;
-      detail::dense_backward<S>(weight(theta, i), input<S>(x, w, i, first, n), as_given ? dy : ConstMatrix<S>(dz),
-                                detail::weight_matrix<S>(dtheta + offsets_[i], widths_[i + 1], widths_[i]),
-                                dtheta + bias_offset(i), i == 0 ? dx : Matrix<S>(delta<S>(w, i - 1, n)),
-                                w.scratch.data());
     }
   }
 

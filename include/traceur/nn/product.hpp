@@ -23,6 +23,7 @@ namespace detail {
 // Products go by panels and tiles, see core/detail/tiles.hpp. Matrices of a few rows, which would leave most of a
 // register empty, are multiplied along the depth instead, again in an order that nothing but the depth decides. Hence
 // the law that a column has the same bits alone and in any batch.
+using core::detail::AsTheyAre;
 using core::detail::lanes;
 using core::detail::load;
 using core::detail::load_part;
@@ -253,10 +254,10 @@ void multiply_column(Eigen::Index rows, Eigen::Index depth, const S* a, Eigen::I
 }
 
 /// As `product`, and calls `after(first, count)` for the columns [first, first + count) of y when they are done, each
-/// once.
-template <class S, class After>
-void product_by_strips(ConstMatrix<S> w, ConstMatrix<S> x, Start<S> start, Matrix<S> y, S* scratch,
-                       After&& after) noexcept {
+/// once. If `end` does something, it does so instead of `after` where sums are in tiles.
+template <class S, class After, class End = AsTheyAre>
+void product_by_strips(ConstMatrix<S> w, ConstMatrix<S> x, Start<S> start, Matrix<S> y, S* scratch, After&& after,
+                       const End& end = {}) noexcept {
   assert(w.cols() == x.rows() && w.rows() == y.rows() && x.cols() == y.cols());
   const Eigen::Index rows = w.rows(), depth = w.cols(), columns = x.cols();
   if (is_narrow<S>(rows)) {
@@ -278,8 +279,23 @@ void product_by_strips(ConstMatrix<S> w, ConstMatrix<S> x, Start<S> start, Matri
     multiply_panels<S>(rows, count, depth, direct ? w.data() : scratch, direct ? w.outerStride() : 0,
                        {x.data() + first * x.outerStride(), 1, x.outerStride()},
                        {start.from ? start.from + first * start.stride : nullptr, start.stride},
-                       y.data() + first * y.outerStride(), y.outerStride());
-    after(first, count);
+                       y.data() + first * y.outerStride(), y.outerStride(), end);
+    if constexpr (std::is_same_v<End, AsTheyAre>) after(first, count);
+  }
+}
+
+template <class S, class End = AsTheyAre>
+void transposed_product(ConstMatrix<S> w, ConstMatrix<S> y, Matrix<S> x, S* scratch, Into into,
+                        const End& end = {}) noexcept {
+  assert(w.rows() == y.rows() && w.cols() == x.rows() && x.cols() == y.cols());
+  const Eigen::Index rows = w.cols(), depth = w.rows(), columns = y.cols();
+  pack_transposed_panels<S>(rows, depth, w.data(), w.outerStride(), scratch);
+  const Eigen::Index strip = strip_columns(rows * depth);
+  for (Eigen::Index first = 0; first < columns; first += strip) {
+    S* to = x.data() + first * x.outerStride();
+    multiply_panels<S>(rows, std::min(strip, columns - first), depth, scratch, 0,
+                       {y.data() + first * y.outerStride(), 1, y.outerStride()},
+                       {into == Into::add ? to : nullptr, x.outerStride()}, to, x.outerStride(), end);
   }
 }
 
@@ -310,16 +326,7 @@ void product(ConstMatrix<S> w, ConstMatrix<S> x, Matrix<S> y, S* scratch, Into i
 /// x = w^T y (+ x), with w (m x k), y (m x n), x (k x n). `scratch` as for `product`.
 template <class S>
 void transposed_product(ConstMatrix<S> w, ConstMatrix<S> y, Matrix<S> x, S* scratch, Into into = Into::set) noexcept {
-  assert(w.rows() == y.rows() && w.cols() == x.rows() && x.cols() == y.cols());
-  const Eigen::Index rows = w.cols(), depth = w.rows(), columns = y.cols();
-  detail::pack_transposed_panels<S>(rows, depth, w.data(), w.outerStride(), scratch);
-  const Eigen::Index strip = detail::strip_columns(rows * depth);
-  for (Eigen::Index first = 0; first < columns; first += strip) {
-    S* to = x.data() + first * x.outerStride();
-    detail::multiply_panels<S>(rows, std::min(strip, columns - first), depth, scratch, 0,
-                               {y.data() + first * y.outerStride(), 1, y.outerStride()},
-                               {into == Into::add ? to : nullptr, x.outerStride()}, to, x.outerStride());
-  }
+  detail::transposed_product<S>(w, y, x, scratch, into);
 }
 
 /// w += y x^T, with y (m x n), x (k x n), w (m x k): the sum over columns of outer products, in their order. `scratch`

@@ -201,23 +201,30 @@ struct PackedRight {
   [[gnu::always_inline]] void advance(Eigen::Index columns) noexcept { from += columns * depth; }
 };
 
-/// Calls f(width) for each tile of so many columns, of constant widths.
+/// Calls f(width) for each tile of so many columns: full ones, then one of those that remain. Widths are constants.
 template <class F>
 [[gnu::always_inline]] inline void for_each_tile(Eigen::Index columns, F&& f) noexcept {
-  const auto tiles = [&](auto width) __attribute__((always_inline)) {
-    for (; columns >= width; columns -= width) f(width);
-  };
-  tiles(std::integral_constant<int, tile_columns>{});
-  tiles(std::integral_constant<int, 4>{});
-  tiles(std::integral_constant<int, 2>{});
-  tiles(std::integral_constant<int, 1>{});
+  for (; columns >= tile_columns; columns -= tile_columns) f(std::integral_constant<int, tile_columns>{});
+  unroll<tile_columns - 1>([&](auto before) __attribute__((always_inline)) {
+    constexpr int width = decltype(before)::value + 1;
+    if (columns == width) f(std::integral_constant<int, width>{});
+  });
 }
+
+/// What a product does to its sums while they are in registers: nothing. `finish` is given V registers of rows that
+/// will be stored at `to`, of the last one only `last` rows if `Part`. It may be called twice for an element, each time
+/// with the sum.
+struct AsTheyAre {
+  template <int V, bool Part, class S>
+  [[gnu::always_inline]] void finish(VectorOf<S> (&)[V], const S* /*to*/, Eigen::Index /*last*/) const noexcept {}
+};
 
 /// c = start + a b over a depth of at least 1, for N columns and V registers of rows, of the last one only `last` rows
 /// if `Part`. Column k of the panel is at a + k * a_step and is read to a whole number of registers.
-template <class S, int V, int N, bool Part>
+template <class S, int V, int N, bool Part, class End>
 [[gnu::always_inline]] inline void multiply_tile(Eigen::Index depth, Eigen::Index last, const S* a, Eigen::Index a_step,
-                                                 Right<S> b, Start<S> start, S* c, Eigen::Index c_stride) noexcept {
+                                                 Right<S> b, Start<S> start, S* c, Eigen::Index c_stride,
+                                                 const End& end) noexcept {
   using Vector = VectorOf<S>;
   Vector sum[N][V];
   unroll<N>([&](auto n)
@@ -234,20 +241,24 @@ template <class S, int V, int N, bool Part>
     a += a_step;
     b.from += b.step;
   } while (++k < depth);
-  unroll<N>([&](auto n) __attribute__((always_inline)) { store_rows<S, V, Part>(c + n * c_stride, last, sum[n]); });
+  unroll<N>([&](auto n) __attribute__((always_inline)) {
+    S* const to = c + n * c_stride;
+    end.template finish<V, Part, S>(sum[n], to, last);
+    store_rows<S, V, Part>(to, last, sum[n]);
+  });
 }
 
 /// A panel times all columns; B is Right<S> or PackedRight<S>.
-template <class S, int V, bool Part, class B>
+template <class S, int V, bool Part, class B, class End>
 [[gnu::noinline]] void multiply_panel(Eigen::Index columns, Eigen::Index depth, Eigen::Index last, const S* a,
                                       Eigen::Index a_step, const B& right, const Start<S>& from, S* c,
-                                      Eigen::Index c_stride) noexcept {
+                                      Eigen::Index c_stride, const End& end) noexcept {
   B b = right;
   Start<S> start = from.from == nullptr ? Start<S>{zeros<S>, 0} : from;
   for_each_tile(
       columns, [&](auto width) __attribute__((always_inline)) {
         constexpr int n = decltype(width)::value;
-        multiply_tile<S, V, n, Part>(depth, last, a, a_step, b.template tile<n>(), start, c, c_stride);
+        multiply_tile<S, V, n, Part>(depth, last, a, a_step, b.template tile<n>(), start, c, c_stride, end);
         b.advance(n);
         start.from += n * start.stride;
         c += n * c_stride;
@@ -255,22 +266,25 @@ template <class S, int V, bool Part, class B>
 }
 
 /// (V - 1) registers of rows < rows <= V registers.
-template <class S, int V, class B>
+template <class S, int V, class B, class End>
 void multiply_panel(Eigen::Index columns, Eigen::Index depth, Eigen::Index rows, const S* a, Eigen::Index a_step,
-                    const B& b, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
+                    const B& b, const Start<S>& start, S* c, Eigen::Index c_stride, const End& end) noexcept {
   const Eigen::Index last = rows - (V - 1) * lanes<S>;
   // Processors with masks store a full register through one as fast as without.
   if constexpr (!masked<S>) {
-    if (last == lanes<S>) return multiply_panel<S, V, false>(columns, depth, last, a, a_step, b, start, c, c_stride);
+    if (last == lanes<S>) {
+      return multiply_panel<S, V, false>(columns, depth, last, a, a_step, b, start, c, c_stride, end);
+    }
   }
-  multiply_panel<S, V, true>(columns, depth, last, a, a_step, b, start, c, c_stride);
+  multiply_panel<S, V, true>(columns, depth, last, a, a_step, b, start, c, c_stride, end);
 }
 
-template <class S, class B>
+template <class S, class B, class End>
 void multiply_panel(int vectors, Eigen::Index columns, Eigen::Index depth, Eigen::Index rows, const S* a,
-                    Eigen::Index a_step, const B& b, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
+                    Eigen::Index a_step, const B& b, const Start<S>& start, S* c, Eigen::Index c_stride,
+                    const End& end) noexcept {
   for_vectors(vectors, [&](auto v) {
-    multiply_panel<S, decltype(v)::value>(columns, depth, rows, a, a_step, b, start, c, c_stride);
+    multiply_panel<S, decltype(v)::value>(columns, depth, rows, a, a_step, b, start, c, c_stride, end);
   });
 }
 
@@ -285,10 +299,10 @@ void copy_start(Eigen::Index rows, Eigen::Index columns, const Start<S>& start, 
 
 /// c = start + a b for all rows, `a` in packed panels, or as a matrix of column stride `a_step` if that is not 0. In a
 /// matrix the last register of rows overlaps the one before it rather than reach beyond the last row: rows >= lanes
-/// then.
-template <class S, class B = Right<S>>
+/// then. `end` is not for a depth of 0.
+template <class S, class B = Right<S>, class End = AsTheyAre>
 void multiply_panels(Eigen::Index rows, Eigen::Index columns, Eigen::Index depth, const S* a, Eigen::Index a_step,
-                     const B& b, const Start<S>& start, S* c, Eigen::Index c_stride) noexcept {
+                     const B& b, const Start<S>& start, S* c, Eigen::Index c_stride, const End& end = {}) noexcept {
   constexpr Eigen::Index w = lanes<S>;
   if (depth == 0) return copy_start(rows, columns, start, c, c_stride);
   const bool packed = a_step == 0;
@@ -298,12 +312,12 @@ void multiply_panels(Eigen::Index rows, Eigen::Index columns, Eigen::Index depth
     const int taken = panel_vectors(vectors - v);
     const Eigen::Index row = v * w;
     multiply_panel<S>(taken, columns, depth, std::min(rows - row, taken * w), packed ? a + row * depth : a + row,
-                      packed ? taken * w : a_step, b, from(row), c + row, c_stride);
+                      packed ? taken * w : a_step, b, from(row), c + row, c_stride, end);
     v += taken;
   }
   if (!packed && rows % w != 0) {
     const Eigen::Index row = rows - w;
-    multiply_panel<S, 1>(columns, depth, w, a + row, a_step, b, from(row), c + row, c_stride);
+    multiply_panel<S, 1>(columns, depth, w, a + row, a_step, b, from(row), c + row, c_stride, end);
   }
 }
 
