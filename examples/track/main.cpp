@@ -45,11 +45,12 @@ Json to_json(const Evaluation& e) {
 }
 
 void write_curves(const Options& o, const Training& t, const Facts& facts) {
-  example::Curve value{"return of the mean action", {}}, length{"episode", {}}, divergence{"divergence", {}},
+  example::Curve value{"all over", {}}, begin{"from the begin", {}}, length{"episode", {}}, divergence{"divergence", {}},
       variance{"explained variance", {}}, rate{"rate", {}};
   for (const Milestone& m : t.milestones) {
     const double x = m.samples / 1e6;
     value.points.emplace_back(x, m.normalized_return);
+    begin.points.emplace_back(x, m.from_begin);
     length.points.emplace_back(x, m.episode_s);
     divergence.points.emplace_back(x, m.divergence);
     variance.points.emplace_back(x, m.explained_variance);
@@ -58,7 +59,7 @@ void write_curves(const Options& o, const Training& t, const Facts& facts) {
   const std::string x = "million samples";
   io::write_atomically(o.out / "curves.html",
                        example::plot_page("Learning curves", facts,
-                                          {example::plot("normalised return of the mean action", x, {value}),
+                                          {example::plot("normalised return of the mean action", x, {value, begin}),
                                            example::plot("episode length in training, s", x, {length}),
                                            example::plot("divergence (KL) of an update", x, {divergence}),
                                            example::plot("explained variance of returns", x, {variance}),

@@ -71,7 +71,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   app.add_option("--simulator", o.simulator, "what to learn or show it on: bundled (default), mujoco, dart, ode or bullet");
   app.add_option("--slowest", o.slowest, "speed that the speed task asks for at least, m/s (default 1)")->check(CLI::NonNegativeNumber);
   app.add_option("--fastest", o.fastest, "and at most (default 4)")->check(CLI::PositiveNumber);
-  app.add_option("--samples", o.samples, "control steps to learn from (default 6e6, of several clips 6e6 for each; speed 3e7)")
+  app.add_option("--samples", o.samples, "control steps to learn from (default 8e6, of several clips 8e6 for each; speed 3e7)")
       ->check(CLI::PositiveNumber);
   app.add_option("--minutes", o.minutes, "stop learning early after so much wall time (default: no limit)")
       ->check(CLI::PositiveNumber);
@@ -100,7 +100,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.report.empty()) o.report = o.out / "report.json";
   example::find_simulator(o.simulator);
   if (o.fastest < o.slowest) throw traceur::Error("--fastest: expected no less than --slowest");
-  if (o.samples <= 0) o.samples = o.quick ? 2.5e5 : o.task == "speed" ? 3e7 : 6e6 * static_cast<double>(o.clips.size());
+  if (o.samples <= 0) o.samples = o.quick ? 2.5e5 : o.task == "speed" ? 3e7 : 8e6 * static_cast<double>(o.clips.size());
   return o;
 }
 

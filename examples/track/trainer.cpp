@@ -63,16 +63,18 @@ struct Checkpoint {
   std::vector<double> priorities;
 };
 
+constexpr std::size_t numbers = 7;  // of a milestone
+
 void save(const Options& o, const Checkpoint& c) {
   const fs::path path = o.out / "checkpoint.safetensors";
   io::Safetensors file(path.string());
   io::add_ppo_state(file, c.ppo);
   io::add_policy(file, c.best, "best.");
   file.add<double>("priorities", {c.priorities.size()}, c.priorities);
-  std::vector<double> milestones{c.training.best_return};
+  std::vector<double> milestones{c.training.best_score};
   for (const Milestone& m : c.training.milestones)
     milestones.insert(milestones.end(),
-                      {m.samples, m.normalized_return, m.episode_s, m.divergence, m.explained_variance, m.policy_rate});
+                      {m.samples, m.normalized_return, m.from_begin, m.episode_s, m.divergence, m.explained_variance, m.policy_rate});
   file.add<double>("milestones", {milestones.size()}, milestones);
   Json warnings = c.training.warnings;
   file.metadata = {{"arguments", job_arguments(o).dump()}, {"warnings", warnings.dump()}};
@@ -84,12 +86,19 @@ Checkpoint load(const Options& o) {
   const io::Safetensors file = example::read_tensors(o.out / "checkpoint.safetensors");
   Checkpoint c{io::get_ppo_state(file), io::get_policy(file, "best."), {}, file.values<double>("priorities")};
   const std::vector<double> m = file.values<double>("milestones");
-  if (m.size() % 6 != 1) throw Error(file.where() + ": tensor 'milestones': expected 1 + 6 n numbers");
-  c.training.best_return = m[0];
-  for (std::size_t i = 1; i < m.size(); i += 6)
-    c.training.milestones.push_back({m[i], m[i + 1], m[i + 2], m[i + 3], m[i + 4], m[i + 5]});
+  if (m.size() % numbers != 1)
+    throw Error(file.where() + ": tensor 'milestones': expected 1 + " + std::to_string(numbers) + " n numbers");
+  c.training.best_score = m[0];
+  for (std::size_t i = 1; i < m.size(); i += numbers)
+    c.training.milestones.push_back({m[i], m[i + 1], m[i + 2], m[i + 3], m[i + 4], m[i + 5], m[i + 6]});
   c.training.warnings = saved_warnings(file);
   return c;
+}
+
+/// Lanes for so many episodes of each motion, or a few more: a whole number of packs and of motions.
+int lanes_for(const Scene& scene, int count) {
+  const int motions = static_cast<int>(scene.motions.size()), unit = core::lane_count<Lane> * motions;
+  return (count * motions + unit - 1) / unit * unit;
 }
 
 /// Says what looks wrong, once each.
@@ -180,7 +189,8 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
   const int share = take_share(settings, environments, processes);
   Environments envs(scene.model, scene.roles, scene.motions, share, settings, ground, extras, threads);
   Environments judge(scene.model, scene.roles, scene.motions, tests, settings_for(TrackingStart::spread, options), ground, extras, threads);
-  for (Environments* e : {&envs, &judge}) use_simulator(*e, scene, options);
+  Environments begin_judge(scene.model, scene.roles, scene.motions, lanes_for(scene, 1), settings_for(TrackingStart::begin, options), ground, extras, threads);
+  for (Environments* e : {&envs, &judge, &begin_judge}) use_simulator(*e, scene, options);
   learn::SharedEnvironments<Environments> shared(envs, processes);
   learn::Ppo<float> ppo = make_ppo(shared, options.seed);
   const auto failure_rates = envs.priorities().state();
@@ -210,18 +220,19 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
       steps += r.episode_steps * (r.terminated + r.timed_out);
       ended += r.terminated + r.timed_out;
       char text[96];
-      std::snprintf(text, sizeof text, "reward %.3f a step, best return %.3f", r.reward, t.best_return);
+      std::snprintf(text, sizeof text, "reward %.3f a step, best score %.3f", r.reward, t.best_score);
       budget.updated(text);
     }
     learn::Policy<float> policy = policy_of(ppo);
     const auto act = [&](learn::ConstColumns<float> x, learn::Columns<float> y) { policy.act(x, y); };
     m.normalized_return = mean_return(learn::evaluate_tracking(judge, test_seed, act));
+    m.from_begin = mean_return(learn::evaluate_tracking(begin_judge, test_seed, act));
     m.samples = budget.samples();
     m.episode_s = ended > 0 ? steps / ended / envs.settings().control_hz : 0;
     t.samples = m.samples;
     t.milestones.push_back(m);
-    if (m.normalized_return >= t.best_return || t.milestones.size() == 1) {
-      t.best_return = m.normalized_return;
+    if (m.score() >= t.best_score || t.milestones.size() == 1) {
+      t.best_score = m.score();
       c.best = policy;
     }
     look_for_trouble(t, budget.share(), ppo.parameters().divergence_target);
@@ -239,9 +250,7 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
 std::vector<Evaluation> test(const Scene& scene, const Options& options, learn::Policy<float>& policy, TrackingStart start, int count,
                              double cyclic_s) {
   core::ThreadExecutor executor(options.threads);
-  // A whole number of packs and of motions, and no fewer than asked for.
-  const int unit = core::lane_count<Lane> * static_cast<int>(scene.motions.size());
-  const int lanes = (count * static_cast<int>(scene.motions.size()) + unit - 1) / unit * unit;
+  const int lanes = lanes_for(scene, count);
   learn::TrackingSettings settings = settings_for(start, options);
   settings.episode_s = cyclic_s;
   Environments envs(scene.model, scene.roles, scene.motions, lanes, settings, sim::Ground<float>(), extras_of(scene.model), executor);

@@ -50,9 +50,13 @@ void write_policy(const Options& options, const traceur::learn::Policy<float>& p
 /// One look at the run, after a block of updates.
 struct Milestone {
   double samples = 0;
-  double normalized_return = 0;  ///< of the mean action, mean over motions
+  double normalized_return = 0;  ///< of the mean action from starts all over the motions, mean over motions
+  double from_begin = 0;         ///< the same from the motions' begins
   double episode_s = 0;          ///< mean length in training
   double divergence = 0, explained_variance = 0, policy_rate = 0;
+
+  /// What policies are chosen by: the begin counts as much as all other starts, as it is where a motion is mostly played from.
+  double score() const { return 0.5 * (normalized_return + from_begin); }
 };
 
 /// Says what looks wrong, and notes it, unless it was said before.
@@ -64,7 +68,7 @@ std::vector<std::string> saved_warnings(const traceur::io::Safetensors& file);
 struct Training {
   std::vector<Milestone> milestones;
   std::vector<std::string> warnings;  ///< what a person should look at, each told once
-  double samples = 0, wall_s = 0, best_return = 0;
+  double samples = 0, wall_s = 0, best_score = 0;
 };
 
 /// Learns until the samples are used up, the minutes are over, or interruption is asked for; saves a checkpoint after every
