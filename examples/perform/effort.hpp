@@ -18,6 +18,11 @@ struct Effort {
   int one_shot_starts = 16;     ///< starts of each candidate where a trial is short
   int gait_generations = 600;   ///< in place of the learning's own number, which is for motions done once
   int one_shot_patience = 250;  ///< they improve slowly for long: their success has no second chance to add up
+  double one_shot_most_s = 4e6;  ///< simulated in learning such a motion: some 16 minutes of a core
+  double reached_wanted = 0.95;  ///< share of fresh starts; with less, learning of what is done once goes on
+  double held_wanted = 0.8;      ///< the same of those that still stand after the end
+  int looks = 0;                 ///< fresh starts that tell; none: it never goes on
+  int look_every = 50;           ///< generations, once it goes on
   int hardening_generations = 250;
   double run_slide = 5;         ///< cost of soles that slide at 1 m/s in the search for targets, of gaits with flight
   double run_law_slide = 2;     ///< the same while their law is learnt; more ties it to the ground it is learnt on
@@ -66,6 +71,16 @@ struct Effort {
     return p;
   }
 
+  /// Share of the perturbation that learning climbs from again when the law of a motion done once fails too often: a
+  /// law that a few lucky generations hurried up to full perturbation fails under little as well.
+  static constexpr double persisting_from = 0.3;
+
+  /// What else changes then: luck weighs less in more starts, and moves no one up so soon.
+  static void persist(traceur::control::FeedbackLearning& p) {
+    p.starts = 48;
+    p.success_to_advance = 0.8;
+  }
+
   /// From a law which holds, in worlds that differ.
   static traceur::control::FeedbackLearning hardening() {
     traceur::control::FeedbackLearning p = going_on();
@@ -101,6 +116,7 @@ struct Effort {
       e.learning.starts = 8;
       e.learning.generations = 1200;
       e.learning.validation_episodes = 128;
+      e.looks = 256;
       e.windows = 2.2e6;
       return e;
     }

@@ -117,7 +117,7 @@ void JobFolder::save(const SavedLearning& learning) const {
       {"generation", p.generation},      {"seconds", p.seconds},           {"perturbation", p.perturbation},
       {"mean_cost", p.mean_cost},        {"mean_success", p.mean_success}, {"best_validation", p.best_validation},
       {"best_law", to_json(p.best_law)}, {"since_best", p.since_best},     {"simulated_seconds", p.simulated_seconds},
-      {"wall_s", learning.wall_s},       {"optimizer", optimizer.str()}};
+      {"wall_s", learning.wall_s},       {"look_at", learning.look_at},    {"optimizer", optimizer.str()}};
   traceur::io::write_atomically(folder_ / "learning.json", j.dump() + "\n");
 }
 
@@ -137,8 +137,8 @@ std::optional<SavedLearning> JobFolder::load_learning() const {
     p.since_best = j.at("since_best").get<int>();
     p.simulated_seconds = j.at("simulated_seconds").get<double>();
     std::istringstream optimizer(j.at("optimizer").get<std::string>());
-    return std::optional<SavedLearning>(
-        SavedLearning{p, traceur::optimize::CmaEs::load(optimizer), j.at("wall_s").get<double>()});
+    return std::optional<SavedLearning>(SavedLearning{p, traceur::optimize::CmaEs::load(optimizer),
+                                                      j.at("wall_s").get<double>(), j.at("look_at").get<int>()});
   });
 }
 

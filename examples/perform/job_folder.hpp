@@ -23,6 +23,7 @@ struct SavedLearning {
   traceur::control::FeedbackProgress progress;
   traceur::optimize::CmaEs optimizer;
   double wall_s = 0;
+  int look_at = 0;  ///< generation to see at whether it may end, where the first law failed too often; else 0
 };
 
 /// The folder `state` inside a job's results: what is needed to go on to the same bits after an interruption. Every

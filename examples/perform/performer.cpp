@@ -18,7 +18,8 @@ constexpr int ticks_per_second = 60;
 constexpr double push_s = 0.1;
 
 // Streams of random starts. Learning uses those from 980 on.
-constexpr std::uint64_t trial_stream = 900, push_stream = 901, record_stream = 902, tuning_stream = 903;
+constexpr std::uint64_t trial_stream = 900, push_stream = 901, record_stream = 902, tuning_stream = 903,
+                        look_stream = 904;
 
 Runners make_runners(const core::ThreadExecutor& executor, const sim::Model& model, const sim::Parameters& simulation,
                      const sim::Ground<float>& ground, const control::TrackingCost& cost) {
@@ -221,23 +222,34 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
   c.clip = motion.clip.name;
 
   control::FeedbackLearning settings = for_job(effort_.learning, c);
+  double most_s = std::numeric_limits<double>::infinity();
   if (c.cyclic) {
     settings.generations = effort_.gait_generations;
     if (motion.flies) settings.slide = effort_.run_law_slide;
   } else {
     settings.starts = effort_.one_shot_starts;
     settings.patience = effort_.one_shot_patience;
+    most_s = effort_.one_shot_most_s;
   }
   std::optional<SavedLearning> last = folder_.load_learning();
   if (last && (last->progress.best_law.size() != c.shape.size() || last->optimizer.dimension() != c.shape.size()))
     throw Error((options_.out / "state" / "learning.json").string() + ": belongs to another controller");
   const double wall_before = last ? last->wall_s : 0;
-  const std::optional<SavedLearning> resumed = last;
-  if (resumed) std::printf("feedback: goes on after generation %d\n", resumed->progress.generation);
-  ProgressLine line("feedback, generation", resumed ? resumed->progress.generation : 0, settings.generations);
+  if (last) std::printf("feedback: goes on after generation %d\n", last->progress.generation);
+  std::optional<ProgressLine> line;
+  line.emplace("feedback, generation", last ? last->progress.generation : 0, settings.generations);
+  int look_at = last ? last->look_at : 0;
+  const auto persist = [&] {
+    Effort::persist(settings);
+    settings.generations = look_at;
+    const control::FeedbackProgress& s = last->progress;
+    const double whole_s = c.ticks() * c.tick + control::EpisodeSettings{}.hold;
+    const double affordable = (most_s - s.simulated_seconds) / ((settings.population + 1) * settings.starts * whole_s);
+    line.emplace("feedback goes on, generation", s.generation, s.generation + static_cast<int>(affordable));
+  };
   double saved_at = 0;
   const auto progress = [&](const control::FeedbackProgress& s, const optimize::CmaEs& optimizer) {
-    last = SavedLearning{s, optimizer, wall_before + clock.seconds()};
+    last = SavedLearning{s, optimizer, wall_before + clock.seconds(), look_at};
     if (clock.seconds() - saved_at > 20) {
       folder_.save(*last);
       saved_at = clock.seconds();
@@ -246,20 +258,46 @@ Learned Performer::learn(const Motion& motion, const SavedSearch& search) {
     std::snprintf(text, sizeof text, "%s%.0f %% of the starts' full perturbation, cost %.3g, %.0f %% succeed",
                   c.cyclic ? (std::to_string(static_cast<int>(s.seconds)) + " s at ").c_str() : "",
                   100 * s.perturbation, s.mean_cost, 100 * s.mean_success);
-    line.tell(s.generation, text);
-    return !interruption_asked();
+    line->tell(s.generation, text);
+    return !interruption_asked() && s.simulated_seconds < most_s;
   };
-  if (!(resumed && resumed->optimizer.finished()))
-    control::learn_feedback(runners, c, settings, executor_, progress, resumed ? &resumed->optimizer : nullptr,
-                            resumed ? &resumed->progress : nullptr);
-  if (!last) throw Error("learning feedback ended without a generation");
-  folder_.save(*last);
-  if (interruption_asked()) throw Interrupted{};
+  const auto over = [&] {
+    return last && (last->optimizer.finished() || last->progress.simulated_seconds >= most_s ||
+                    (look_at > 0 && last->progress.since_best >= settings.patience));
+  };
+  for (;;) {
+    if (look_at > 0) persist();
+    const std::optional<SavedLearning> before = last;
+    if (!over())
+      control::learn_feedback(runners, c, settings, executor_, progress, before ? &before->optimizer : nullptr,
+                              before ? &before->progress : nullptr);
+    if (!last) throw Error("learning feedback ended without a generation");
+    folder_.save(*last);
+    if (interruption_asked()) throw Interrupted{};
+    if (c.cyclic || over() || does_well(runners, c, last->progress.best_law)) break;
+    if (look_at == 0) {
+      last->progress.perturbation = std::min(last->progress.perturbation, Effort::persisting_from);
+      last->progress.since_best = 0;
+    }
+    look_at = last->progress.generation + effort_.look_every;
+  }
   c.law = last->progress.best_law;
   out.generations = last->progress.generation;
+  out.persisted = look_at > 0;
   out.wall_s = last->wall_s;
   out.simulated_s = last->progress.simulated_seconds;
   return out;
+}
+
+bool Performer::does_well(Runners& runners, control::Controller c, const Eigen::VectorXd& law) {
+  c.law = law;
+  int reached = 0, held = 0;
+  for (const control::EpisodeResult& r :
+       control::run_episodes(runners, c, settings(c, look_stream), effort_.looks, executor_)) {
+    reached += r.reached_end;
+    held += r.held;
+  }
+  return reached >= effort_.reached_wanted * effort_.looks && held >= effort_.held_wanted * effort_.looks;
 }
 
 Runners Performer::chosen_runners(const control::Controller& c, double most_s) {

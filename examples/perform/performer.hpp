@@ -61,6 +61,7 @@ struct Recording {
 struct Learned {
   traceur::control::Controller controller;
   int generations = 0;
+  bool persisted = false;  ///< it went on because the first law failed too often
   double wall_s = 0, simulated_s = 0;
 };
 
@@ -91,6 +92,8 @@ private:
   /// On the simulator that the user chose. They look at the controller's constants; an engine gives up after `most_s`.
   Runners chosen_runners(const traceur::control::Controller& controller,
                          double most_s = std::numeric_limits<double>::infinity());
+  /// Whether a law for a motion done once reaches the end, and stands there, as often as is wanted, on fresh starts.
+  bool does_well(Runners& runners, traceur::control::Controller controller, const Eigen::VectorXd& law);
   Learned tune_for_engine(const traceur::control::Controller& controller, double seconds);
   /// With the job's seed, and starts moved as the controller's motion allows.
   traceur::control::FeedbackLearning for_job(traceur::control::FeedbackLearning settings,

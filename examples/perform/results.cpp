@@ -99,6 +99,7 @@ void Report::add(const TrialResult& t, const Learned& l) {
                               {"start_joint_angle_rad", t.joint_angle_rad},
                               {"law_numbers", l.controller.shape.size()},
                               {"generations", l.generations},
+                              {"went_on", l.persisted},
                               {"wall_s", l.wall_s},
                               {"simulated_s", l.simulated_s}};
   simulated_s_ += l.simulated_s + t.simulated_s;
