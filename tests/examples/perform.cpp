@@ -141,6 +141,31 @@ TEST_CASE(
   CHECK(resumed.out.find("goes on after generation") != std::string::npos);
   CHECK(text_of(three / "controller.json") == text_of(one / "controller.json"));
 
+  // Learning that goes on because its law failed too often does so until it is to look again, however it is
+  // interrupted. A law is validated every five generations and whenever learning stops to look: five and five are like
+  // ten.
+  CHECK(report["closed_loop"]["went_on"] == false);
+  const auto going_on = [&](const std::string& name, int generations, const std::string& how) {
+    const fs::path job_folder = folder / name, file = job_folder / "state" / "learning.json";
+    if (!fs::exists(job_folder)) fs::copy(three, job_folder, fs::copy_options::recursive);
+    auto state = nlohmann::ordered_json::parse(text_of(file));
+    state["look_at"] = state["generation"].get<int>() + generations;
+    put(file, state.dump());
+    CHECK(perform(folder, "--resume " + job_folder.string() + how).status < 2);
+    return report_of(job_folder)["closed_loop"];
+  };
+  const auto at_once = going_on("whole", 10, " --threads 1");
+  CHECK(at_once["went_on"] == true);
+  CHECK(at_once["generations"].get<int>() == report["closed_loop"]["generations"].get<int>() + 10);
+  CHECK(going_on("halves", 5, " --threads 2")["went_on"] == true);
+  CHECK(going_on("halves", 5, " --threads 2")["generations"] == at_once["generations"]);
+  const auto learnt = [&](const std::string& name) {
+    auto state = nlohmann::ordered_json::parse(text_of(folder / name / "state" / "learning.json"));
+    state.erase("wall_s");
+    return state.dump();
+  };
+  CHECK(learnt("halves") == learnt("whole"));
+
   const Outcome replayed = perform(folder, "--controller " + (one / "controller.json").string() +
                                                " --quick --perturb --seed 3 --out " + four.string());
   CHECK(replayed.status == 0);
