@@ -65,8 +65,8 @@ std::optional<Options> read_options(int argc, char** argv) {
       ->check(CLI::IsMember({"track", "speed"}));
   app.add_option("--reward", o.reward, "of tracking: deepmimic (default), parc or hil")->check(CLI::IsMember({"deepmimic", "parc", "hil"}));
   app.add_option("--priority-floor", o.priority_floor,
-                 "of several clips, those that fail are practised more, but none less than this share of one that always fails\n"
-                 "(default 0.01; 1: all alike)")
+                 "episodes begin more often where they fail, but nowhere less than this share of where they always do\n"
+                 "(default 0.01; 1: everywhere alike)")
       ->check(CLI::Range(1e-6, 1.0));
   app.add_option("--simulator", o.simulator, "what to learn or show it on: bundled (default), mujoco, dart, ode or bullet");
   app.add_option("--slowest", o.slowest, "speed that the speed task asks for at least, m/s (default 1)")->check(CLI::NonNegativeNumber);

@@ -20,7 +20,7 @@ struct Options {
   std::filesystem::path report;     ///< JSON; by default report.json in `out`
   std::string task = "track";       ///< or speed: move as fast as asked, in the clips' style
   std::string reward = "deepmimic"; ///< of tracking; or parc, hil
-  double priority_floor = 0.01;     ///< of several clips to track: least weight of one that never fails beside one that always does
+  double priority_floor = 0.01;     ///< least weight of starts that never fail beside those that always do
   double slowest = 1, fastest = 4;  ///< m/s, of the speed task
   std::string simulator = "bundled";  ///< or another engine's name
   double samples = 0;               ///< to learn from

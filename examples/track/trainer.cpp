@@ -197,7 +197,7 @@ Training train(const Scene& scene, const Options& options, learn::ProcessGroup& 
   Checkpoint c{ppo.state(), policy_of(ppo), {}, {failure_rates.begin(), failure_rates.end()}};
   if (options.resume) {
     c = load(options);
-    if (c.priorities.size() != scene.motions.size()) throw Error((options.out / "checkpoint.safetensors").string() + ": is of other clips");
+    if (c.priorities.size() != failure_rates.size()) throw Error((options.out / "checkpoint.safetensors").string() + ": is of other clips");
     std::copy(c.priorities.begin(), c.priorities.end(), failure_rates.begin());
     std::printf("goes on after %.2f million samples\n", static_cast<double>(c.ppo.ticks) * environments / 1e6);
   }

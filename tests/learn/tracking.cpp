@@ -195,7 +195,9 @@ TEST_CASE("starts are spread over motions and ticks; motions that fail are begun
   };
   CHECK(second(task) == doctest::Approx(0.5).epsilon(0.2));
   for (Task* t : {&task, &even}) {
-    for (int k = 0; k < 2000; ++k) t->priorities().record(0, false);
+    // A second has four parts.
+    REQUIRE(t->priorities().clips() == 8);
+    for (int k = 0; k < 8000; ++k) t->priorities().record(k % 4, false);
     t->reset(2);
   }
   CHECK(second(task) > 0.95);

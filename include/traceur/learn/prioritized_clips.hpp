@@ -12,7 +12,7 @@
 
 namespace traceur::learn {
 
-/// Which of many clips to practise next: each is drawn in proportion to how often it fails, but never less than a floor, so
+/// Which of many clips, or parts of clips, to practise next: each is drawn in proportion to how often it fails, but never less than a floor, so
 /// that mastered ones are not forgotten (PARC, appendix F.2). A failure is an episode that ended early.
 ///
 /// Failure rates are moving averages that start at 1: what has not been tried counts as not mastered. In training with

@@ -22,10 +22,10 @@
 
 namespace traceur::learn {
 
-/// Where in its motion an episode begins, and in which: `anywhere` draws the motion by how often it fails, the others give
-/// the environments motions in turn.
+/// Where in its motion an episode begins, and in which: `anywhere` draws a part of a motion by how often episodes from there
+/// fail, the others give the environments motions in turn.
 enum class TrackingStart {
-  anywhere,  ///< at a random tick
+  anywhere,  ///< at a random tick of the part
   begin,     ///< at the first
   spread     ///< environments evenly over the ticks
 };
@@ -47,7 +47,8 @@ struct TrackingSettings {
   TrackingRewardParameters reward;  ///< DeepMimic's by default
   bool meet_again = true;     ///< whether the reference is put back over the root, horizontally, after each cycle
   TrackingStart start = TrackingStart::anywhere;
-  double priority_floor = 0.01;  ///< of `PrioritizedClips`; 1: every motion is begun as often as any other
+  double part_s = 0.25;          ///< about how long the parts are that motions are divided into
+  double priority_floor = 0.01;  ///< of `PrioritizedClips`; 1: every part is begun from as often as any other
   bool spread_ages = false;   ///< whether the first episodes end at different times, so that later ones do not end together
   TrackingEndings endings;
   std::int64_t first_environment = 0;  ///< which of all environments the first is, where a task is shared out
@@ -87,7 +88,8 @@ class Tracking {
         settings_(settings),
         ground_(ground),
         executor_(&executor),
-        priorities_(std::max(1, static_cast<int>(motions_.size())), settings.priority_floor),
+        parts_(divide(motions_, settings)),
+        priorities_(std::max(1, static_cast<int>(parts_.size())), settings.priority_floor),
         reward_(model.character.skeleton, end_effectors(model, roles), settings.reward) {
     if (motions_.empty()) throw Error("tracking: expected a motion");
     for (const ReferenceMotion& m : motions_) {
@@ -123,14 +125,15 @@ class Tracking {
   double joint_error(Eigen::Index environment) const { return groups_.seat(environment).joint_error; }
   /// Steps that the episode of an environment may still last.
   int steps_left(Eigen::Index environment) const { return groups_.seat(environment).left; }
-  /// Which motions fail, and so are begun more often. All there is to save beside the policy.
+  /// Which parts of motions episodes fail from, and so begin at more often, those of the first motion first. All there is to
+  /// save beside the policy.
   PrioritizedClips& priorities() { return priorities_; }
 
-  /// What the others of a task that is shared out must know of an episode's end: which motion, and whether it failed; -1
+  /// What the others of a task that is shared out must know of an episode's end: from which part, and whether it failed; -1
   /// while it goes on. `witness` takes it in, in the place of a `restart` that happens elsewhere.
   std::int32_t outcome(Eigen::Index environment) const noexcept {
     const Seat& s = groups_.seat(environment);
-    return s.ending == TrackingEnd::running ? -1 : 2 * s.motion + (s.ending != TrackingEnd::completed ? 1 : 0);
+    return s.ending == TrackingEnd::running ? -1 : 2 * s.part + (s.ending != TrackingEnd::completed ? 1 : 0);
   }
   void witness(std::int32_t outcome) noexcept {
     if (outcome >= 0) priorities_.record(outcome / 2, outcome % 2 != 0);
@@ -165,18 +168,22 @@ class Tracking {
     witness(outcome(environment));
     s.ending = TrackingEnd::running;
     const std::int64_t number = settings_.first_environment + environment;
-    s.motion = settings_.start == TrackingStart::anywhere ? priorities_.sample(random)
-                                                          : static_cast<int>(number % static_cast<std::int64_t>(motions_.size()));
-    const ReferenceMotion& m = of(s);
-    s.tick = 0;
-    if (settings_.start == TrackingStart::anywhere)
-      s.tick = std::min(m.ticks - 1, static_cast<int>(random.uniform() * m.ticks));
-    if (settings_.start == TrackingStart::spread) {
+    if (settings_.start == TrackingStart::anywhere) {
+      s.part = priorities_.sample(random);
+      const Part& part = parts_[static_cast<std::size_t>(s.part)];
+      s.motion = part.motion;
+      s.tick = part.first + std::min(part.ticks - 1, static_cast<int>(random.uniform() * part.ticks));
+    } else {
       const auto motions = static_cast<std::int64_t>(motions_.size());
       const std::int64_t all = settings_.all_environments > 0 ? settings_.all_environments : environments();
-      s.tick = static_cast<int>(number / motions * m.ticks / std::max<std::int64_t>(1, all / motions));
-      s.tick = std::min(s.tick, m.ticks - 1);
+      s.motion = static_cast<int>(number % motions);
+      s.tick = 0;
+      if (settings_.start == TrackingStart::spread)
+        s.tick = static_cast<int>(number / motions * of(s).ticks / std::max<std::int64_t>(1, all / motions));
+      s.tick = std::min(s.tick, of(s).ticks - 1);
+      s.part = part_of(s);
     }
+    const ReferenceMotion& m = of(s);
     s.shift = {0, 0};
     s.left = length(s);
     Group& g = groups_.of(environment);
@@ -189,10 +196,15 @@ class Tracking {
   /// One lane's place in its motion.
   struct Seat {
     int motion = 0, tick = 0, left = 0;
+    int part = 0;  ///< that its episode began in
     std::array<float, 2> shift{0, 0};  ///< of the reference, m
     std::uint64_t episode = 0;
     TrackingEnd ending = TrackingEnd::running;
     double joint_error = 0;  ///< m
+  };
+  /// Ticks of a motion that episodes begin at together.
+  struct Part {
+    int motion, first, ticks;
   };
   struct Group : SeatedGroup<S, Seat> {
     TrackingState<S> reference;
@@ -208,6 +220,30 @@ class Tracking {
   };
 
   static S constant(double x) { return S(static_cast<T>(x)); }
+
+  /// The parts of all motions, of one motion alike long but for a tick.
+  static std::vector<Part> divide(const std::vector<ReferenceMotion>& motions, const TrackingSettings& settings) {
+    if (!(settings.part_s > 0)) throw Error("tracking: part_s must be positive");
+    std::vector<Part> out;
+    for (std::size_t k = 0; k < motions.size(); ++k) {
+      const int ticks = motions[k].ticks;
+      const double wanted = std::round(ticks / (settings.part_s * settings.control_hz));
+      const int count = static_cast<int>(std::clamp(wanted, 1.0, static_cast<double>(std::max(1, ticks))));
+      for (int i = 0, first = 0; i < count; ++i) {
+        const int end = (i + 1) * ticks / count;
+        out.push_back({static_cast<int>(k), first, end - first});
+        first = end;
+      }
+    }
+    return out;
+  }
+  int part_of(const Seat& s) const noexcept {
+    int p = 0;
+    while (parts_[static_cast<std::size_t>(p)].motion != s.motion ||
+           s.tick >= parts_[static_cast<std::size_t>(p)].first + parts_[static_cast<std::size_t>(p)].ticks)
+      ++p;
+    return p;
+  }
 
   std::uint64_t stream_of(Eigen::Index e) const noexcept { return static_cast<std::uint64_t>(settings_.first_environment + e); }
   const ReferenceMotion& of(const Seat& s) const { return motions_[static_cast<std::size_t>(s.motion)]; }
@@ -358,6 +394,7 @@ class Tracking {
   TrackingSettings settings_;
   sim::Ground<T> ground_;
   E* executor_;
+  std::vector<Part> parts_;
   PrioritizedClips priorities_;
   TrackingReward reward_;
   LaneGroups<Group> groups_;
