@@ -138,7 +138,7 @@ std::optional<SavedLearning> JobFolder::load_learning() const {
     p.simulated_seconds = j.at("simulated_seconds").get<double>();
     std::istringstream optimizer(j.at("optimizer").get<std::string>());
     return std::optional<SavedLearning>(SavedLearning{p, traceur::optimize::CmaEs::load(optimizer),
-                                                      j.at("wall_s").get<double>(), j.at("look_at").get<int>()});
+                                                      j.at("wall_s").get<double>(), j.value("look_at", 0)});
   });
 }
 
