@@ -11,20 +11,12 @@
 #include <utility>
 #include <vector>
 
-#include <time.h>
-
 #include <traceur/io/clip_file.hpp>
 #include <traceur/learn/ppo.hpp>
 #include <traceur/learn/tracking.hpp>
 
+#include "../cpu_seconds.hpp"
 #include "../humanoid.hpp"
-
-/// CPU seconds of the calling thread.
-inline double cpu_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 /// How fast a humanoid learns to track, everything included: 480 Hz of simulation with self-collision, 30 Hz of control,
 /// observation, reward, restarts, advantages and updates.

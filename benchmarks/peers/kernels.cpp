@@ -22,8 +22,6 @@
 #include <string>
 #include <vector>
 
-#include <time.h>
-
 #include <Eigen/Core>
 
 #if __has_include(<nanoflann.hpp>)
@@ -40,16 +38,12 @@
 #include <traceur/terrain/generators.hpp>
 #include <traceur/terrain/signed_distance.hpp>
 
+#include "../cpu_seconds.hpp"
+
 namespace {
 
 using namespace traceur;
 using core::RandomStream;
-
-double cpu_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 /// Seconds of one call, the least of `turns`.
 template <class F>

@@ -17,6 +17,7 @@
 #include <traceur/learn/pendulum.hpp>
 #include <traceur/learn/ppo.hpp>
 
+#include "../cpu_seconds.hpp"
 #include "humanoid_throughput.hpp"
 
 namespace {

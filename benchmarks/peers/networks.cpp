@@ -10,8 +10,6 @@
 #include <exception>
 #include <vector>
 
-#include <time.h>
-
 #include <torch/torch.h>
 
 #include <traceur/core/random.hpp>
@@ -19,16 +17,12 @@
 #include <traceur/nn/mlp.hpp>
 #include <traceur/nn/transformer.hpp>
 
+#include "../cpu_seconds.hpp"
+
 namespace {
 
 using namespace traceur;
 using torch::Tensor;
-
-double cpu_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 /// Seconds of one call of each, the least of `turns`, each turn `calls` calls.
 struct Times {

@@ -19,10 +19,10 @@
 #include <vector>
 
 #include <mujoco/mujoco.h>
-#include <time.h>
-
 #include <traceur/io/mjcf.hpp>
 #include <traceur/sim/world.hpp>
+
+#include "../cpu_seconds.hpp"
 
 namespace {
 
@@ -38,12 +38,6 @@ struct Free {
   void operator()(mjModel* m) const { mj_deleteModel(m); }
   void operator()(mjData* d) const { mj_deleteData(d); }
 };
-
-double cpu_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 /// Standing, leaning forward from the ankles a little.
 Eigen::VectorXd standing(const traceur::body::Skeleton& s) {
