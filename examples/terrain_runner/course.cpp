@@ -24,6 +24,7 @@ constexpr double most_turn = 2 * std::numbers::pi / 180;  // rad per step, and o
 constexpr double lookahead = 10;                          // m
 
 /// The state of a lane in which a leap begins, in the mirror if it begins with a step on the right foot.
+template <class Lane>
 control::RunningState arrival(const sim::Model& model, const control::Roles& roles, const sim::Lanes<Lane>& lanes, int l,
                               const control::SkillPlayer& player, int side, double off) {
   control::RunningState s;
@@ -138,6 +139,16 @@ void CourseRunner::decide(Runner& r, const Course& course, double x, double y, d
 
 std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
                                              std::vector<control::RunningState>* arrivals) {
+  return run_in<Lane>(courses, first_number, recording, arrivals);
+}
+
+CourseOutcome CourseRunner::run_alone(const Course& course, std::uint64_t number, CourseRecording* recording) {
+  return run_in<float>({course}, number, recording, nullptr)[0];
+}
+
+template <class Lane>
+std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
+                                                std::vector<control::RunningState>* arrivals) {
   constexpr int width = core::lane_count<Lane>;
   const sim::Model& model = *body_.model;
   const int used = static_cast<int>(courses.size());
@@ -149,28 +160,39 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
   std::vector<CourseOutcome> out(courses.size());
   const double tick = body_.gait.tick;
   for (int l = 0; l < width; ++l) {
-    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, false, 0, 0, 0, 0, body_.leap_speed, false, -1});
-    Runner& r = runners.back();
     const auto k = static_cast<std::size_t>(std::min(l, used - 1));
     lanes.set_place(l, sim::Ground<float>(courses[k].ground), nullptr);
     const auto start = control::RunningStart::make(model, body_.gait, body_.wide.table.speed(), body_.leap_speed, 0.5,
                                                    control::Perturbation{0.15, 0.03}, settings_.seed, 5000, first_number + k);
     control::RunningTrials<Lane>::put(lanes, model, l, start);
+    if (l >= used) continue;
+    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, true, 0, 0, 0, 0, body_.leap_speed, false, -1});
+    Runner& r = runners.back();
     const core::Vector3<double>& origin = body_.wide.table.start_center();
     r.composer.set_exit(exit_);
     r.composer.start(exit_, body_.leap_speed, {0, origin.x, origin.y, 0}, 0);
     r.composer.step(exit_, body_.leap_speed, 0);
-    r.alive = l < used;
-    if (l < used) out[k].obstacles = static_cast<int>(courses[k].edges.size());
+    out[k].obstacles = static_cast<int>(courses[k].edges.size());
   }
   lanes.refresh();
   int living = used;
   const auto x_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.x, l)); };
   const auto y_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.y, l)); };
+  const auto speed_of = [&](int l) { return core::lane_of(lanes.work().linear_momentum.x, l) / model.total_mass; };
+  const auto tell = [&](double seconds) {
+    const Runner& r = runners[0];
+    if (watch) watch({seconds, x_of(0), speed_of(0), r.composer.stage(), r.clearing ? "jump" : "running", r.next, out[0].obstacles});
+  };
+  tell(0);
   for (int n = 0; living > 0; ++n) {
+    // Lanes without a course are the last one's doubles.
     for (int l = 0; l < width; ++l) {
+      if (l >= used) {
+        follower.set(l, runners[static_cast<std::size_t>(used - 1)].composer.player());
+        continue;
+      }
       Runner& r = runners[static_cast<std::size_t>(l)];
-      const Course& course = courses[static_cast<std::size_t>(std::min(l, used - 1))];
+      const Course& course = courses[static_cast<std::size_t>(l)];
       if (r.composer.at_step()) {
         if (r.step_seconds > 0.1) r.speed = (x_of(l) - r.step_x) / r.step_seconds;
         r.step_x = x_of(l);
@@ -179,7 +201,7 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
         const control::SkillPlayer before = r.composer.player();
         const int side = r.composer.side();
         if (r.since >= 0) ++r.since;
-        decide(r, course, x_of(l), y_of(l), core::lane_of(lanes.work().linear_momentum.x, l) / model.total_mass);
+        decide(r, course, x_of(l), y_of(l), speed_of(l));
         if (arrivals && r.alive && r.clearing && !was_clearing)
           arrivals->push_back(arrival(model, body_.roles, lanes, l, before, side,
                                       r.manoeuvre.distance - (course.edges[static_cast<std::size_t>(r.next)] - x_of(l))));
@@ -198,6 +220,7 @@ std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses,
       r.step_seconds += tick;
       o.seconds = (n + 1) * tick;
       o.distance = x_of(l);
+      if (l == 0) tell(o.seconds);
       const double root = core::lane_of(lanes.q()[2], l), up = core::lane_of(lanes.work().bodies[0].rotation.zz, l);
       const double under = course.height(core::lane_of(lanes.q()[0], l));
       if (recording && l == 0) {

@@ -50,6 +50,14 @@ struct CourseOutcome {
 /// The numbers of a leap (LeapNumbers) onto a step of some height, m.
 using LeapModel = std::function<Eigen::VectorXd(double height)>;
 
+/// Where a runner is.
+struct CourseMoment {
+  double seconds = 0, distance = 0, speed = 0;  ///< since the start, s and m; of the centre of mass, m/s
+  control::RunStage stage{};
+  const char* skill = "";    ///< what it does
+  int next = 0, obstacles = 0;  ///< the one ahead or in the making, counted from 0; of the course
+};
+
 /// Poses of one runner tick by tick.
 struct CourseRecording {
   std::vector<Eigen::VectorXd> poses;
@@ -72,7 +80,16 @@ public:
   std::vector<CourseOutcome> run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording = nullptr,
                                  std::vector<control::RunningState>* arrivals = nullptr);
 
+  /// One course, a runner all alone: in less than half the time. Its last bits are not those of a pack's lane.
+  CourseOutcome run_alone(const Course& course, std::uint64_t number, CourseRecording* recording = nullptr);
+
+  /// Called with what lane 0 does, before the first tick and after every one until it has ended; empty for nothing.
+  std::function<void(const CourseMoment&)> watch;
+
 private:
+  template <class Lane>
+  std::vector<CourseOutcome> run_in(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
+                                    std::vector<control::RunningState>* arrivals);
   struct Runner;
   void decide(Runner& r, const Course& course, double x, double y, double speed_now);
 
