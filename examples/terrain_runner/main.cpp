@@ -12,7 +12,7 @@
 //
 // Figure 2 of the paper, and s6. The gait is a running controller, learned from one clip by `perform`.
 #include <cstdio>
-#include <map>
+#include <functional>
 
 #include <nlohmann/json.hpp>
 
@@ -20,8 +20,9 @@
 #include "../common/files.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
-#include "course.hpp"
+#include "live.hpp"
 #include "options.hpp"
+#include "protocols.hpp"
 #include "trainer.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
@@ -43,18 +44,6 @@ const char* name(parameterize::NodeStatus s) {
   constexpr const char* names[] = {"untried", "solved", "extrapolated", "failed"};
   return names[static_cast<std::size_t>(s)];
 }
-
-/// What playing needs, from learned skills.
-struct Player {
-  Body body;
-  RunningModel running;
-
-  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills)
-      : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
-    body.leap_speed = body.narrow.table.speed();
-    body.add_leap(skills.measured->events);
-  }
-};
 
 Json to_json(const std::vector<NodeResult>& nodes, int trials) {
   Json list = Json::array();
@@ -104,16 +93,6 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
   report["wall_jump_s"] = clock.seconds() - tested_s;
 }
 
-CourseSettings course_settings(const Options& o) {
-  CourseSettings s;
-  s.seed = o.seed;
-  s.planner = o.without != "planner";
-  s.feedback = o.without != "feedback";
-  s.recovery = o.without != "recovery";
-  s.composition.blend = o.without != "blending";
-  return s;
-}
-
 void write_recording(const Options& o, const sim::Model& model, const Course& course, const CourseRecording& r, const CourseOutcome& c,
                      double tick) {
   io::Replay replay;
@@ -139,69 +118,25 @@ void write_recording(const Options& o, const sim::Model& model, const Course& co
   std::printf("replay: %s\n", (o.out / "replay.html").string().c_str());
 }
 
-void play(const Options& o, const sim::Model& model, const control::Roles& roles, const Skills& skills, Json& report) {
-  const Player player(model, roles, skills);
-  const CourseRunner runner(player.body, player.running, leap_model(*skills.jump, o.without != "interpolation"), skills.measured->length,
-                            course_settings(o));
-  CourseShape shape;
-  shape.obstacles = o.obstacles;
-  shape.lowest = o.lowest;
-  shape.highest = o.highest;
-  if (o.command == Command::run) {
-    const Course course = random_course(shape, o.seed, 0);
-    CourseRecording recording;
-    const example::Clock clock;
-    CourseRunner one = runner;
-    const CourseOutcome c = one.run({course}, 0, &recording)[0];
-    report["cleared"] = c.cleared;
-    report["obstacles"] = c.obstacles;
-    report["completed"] = c.completed;
-    report["failure"] = c.failure;
-    report["distance_m"] = c.distance;
-    report["simulated_s"] = c.seconds;
-    report["real_time_factor"] = c.seconds / clock.seconds();
-    std::printf("%d of %d steps, %.0f m in %.1f s%s%s\n", c.cleared, c.obstacles, c.distance, c.seconds, c.failure.empty() ? "" : ": ", c.failure.c_str());
-    write_recording(o, model, course, recording, c, skills.gait.tick);
-    return;
-  }
-  constexpr int width = core::lane_count<Lane>;
-  const int groups = (o.courses + width - 1) / width;
-  std::vector<std::vector<CourseOutcome>> outcomes(static_cast<std::size_t>(groups));
-  core::ThreadExecutor executor(o.threads);
-  executor.run(groups, [&](int g, int) {
-    if (example::interruption_asked()) return;
-    std::vector<Course> courses;
-    for (int i = g * width; i < std::min(o.courses, (g + 1) * width); ++i) courses.push_back(random_course(shape, o.seed, static_cast<std::uint64_t>(i)));
-    CourseRunner mine = runner;
-    outcomes[static_cast<std::size_t>(g)] = mine.run(courses, static_cast<std::uint64_t>(g * width));
-  });
-  if (example::interruption_asked()) throw example::Interrupted{};
-  int completed = 0, met = 0, cleared = 0, all = 0;
-  std::map<std::string, int> failures;
-  Json falls = Json::array();
-  double seconds = 0;
-  for (const auto& group : outcomes)
-    for (const CourseOutcome& c : group) {
-      ++all;
-      completed += c.completed;
-      cleared += c.cleared;
-      // Of a course that failed, the steps behind were not met.
-      met += c.cleared + (c.completed ? 0 : 1);
-      seconds += c.seconds;
-      if (c.failure.empty()) continue;
-      ++failures[c.failure];
-      falls.push_back({{"course", all - 1}, {"what", c.failure}, {"cleared", c.cleared}, {"rise_m", c.failed_rise}, {"steps_since_leap", c.steps_since_leap}, {"distance_m", c.distance}});
-    }
-  report["courses"] = all;
-  report["completed"] = completed;
-  report["obstacles_met"] = met;
-  report["obstacles_cleared"] = cleared;
-  report["failures"] = failures;
-  report["failed"] = falls;
-  report["without"] = o.without;
-  report["simulated_s"] = seconds;
-  std::printf("%d of %d courses completed, %d of %d steps cleared\n", completed, all, cleared, met);
-  for (const auto& [what, count] : failures) std::printf("  %s: %d\n", what.c_str(), count);
+void run(const Options& o, const sim::Model& model, const Player& player, const Skills& skills, Json& report) {
+  CourseRunner runner = course_runner(player, skills, o.seed, o.without);
+  const Course course = random_course(course_shape(o), o.seed, 0);
+  CourseRecording recording;
+  Pace pace(o.live);
+  runner.watch = std::ref(pace);
+  const CourseOutcome c = runner.run_alone(course, 0, &recording);
+  report["cleared"] = c.cleared;
+  report["obstacles"] = c.obstacles;
+  report["completed"] = c.completed;
+  report["failure"] = c.failure;
+  report["distance_m"] = c.distance;
+  report["simulated_s"] = c.seconds;
+  report["live"] = o.live;
+  report["real_time_factor"] = pace.real_time_factor();
+  report["core_time_factor"] = pace.core_time_factor();
+  std::printf("%d of %d steps, %.0f m in %.1f s%s%s\n%.0f times as fast as real time, %.0f by the core's time\n", c.cleared, c.obstacles, c.distance, c.seconds,
+              c.failure.empty() ? "" : ": ", c.failure.c_str(), pace.real_time_factor(), pace.core_time_factor());
+  write_recording(o, model, course, recording, c, skills.gait.tick);
 }
 
 int carry_out(const Options& o) {
@@ -228,8 +163,10 @@ int carry_out(const Options& o) {
   const example::Ending ending = example::ending_of(resume, [&] {
     if (o.command == Command::train)
       train(o, model, roles, std::move(skills), report);
+    else if (o.command == Command::run)
+      run(o, model, Player(model, roles, skills), skills, report);
     else
-      play(o, model, roles, skills, report);
+      evaluate(o, Player(model, roles, skills), skills, report);
   });
   return example::write_report(o.report, report, clock.seconds(), ending);
 }

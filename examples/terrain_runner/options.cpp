@@ -34,6 +34,10 @@ std::optional<Options> read_options(int argc, char** argv) {
   evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
   evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, recovery, blending or interpolation")
       ->check(CLI::IsMember({"planner", "feedback", "recovery", "blending", "interpolation"}));
+  evaluate->add_flag("--ablations", o.ablations, "the same courses with the whole system and without each part in turn");
+  evaluate->add_flag("--approach", o.approach, "no courses: one step of 0.2 m, started 30 to 100 m before it");
+  evaluate->add_option("--trials", o.trials, "of --approach, evenly spaced (default 701, every 0.1 m)")->check(CLI::Range(2, 701));
+  run->add_flag("--live", o.live, "no faster than real time, and say where the runner is");
   for (CLI::App* c : {train, run, evaluate}) {
     c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
     c->add_option("--out", o.out, "folder for the results");
@@ -53,6 +57,9 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.character.empty()) o.character = absolute_path(example::default_character());
   if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");
   if (o.report.empty()) o.report = o.out / "report.json";
+  if (o.ablations && !o.without.empty()) throw traceur::Error("--ablations: it leaves out every part in turn; leave --without out");
+  if (o.ablations && o.approach) throw traceur::Error("--ablations: expected without --approach");
+  if (!o.approach && evaluate->count("--trials") > 0) throw traceur::Error("--trials: expected with --approach");
   if (o.highest < o.lowest) throw traceur::Error("--highest: expected no less than --lowest");
   const fs::path own = absolute_path(example::default_character()).parent_path().parent_path() / "skills";
   if (o.command == Command::train && o.gait.empty()) {

@@ -27,6 +27,10 @@ struct Options {
   int courses = 100;    ///< evaluate
   int obstacles = 2;    ///< of a course
   double highest = 0.25, lowest = 0.1;  ///< steps, m
+  bool live = false;        ///< run: no faster than real time
+  bool ablations = false;   ///< evaluate: each part left out in turn
+  bool approach = false;    ///< evaluate: one obstacle from many distances,
+  int trials = 701;         ///< so many
   std::string without;  ///< evaluate: what to leave out: planner, feedback, recovery, blending or interpolation
 };
 

@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: MIT
+#include <chrono>
+#include <tuple>
+
 #include <doctest/doctest.h>
 
 #include "support.hpp"
@@ -23,7 +26,30 @@ TEST_CASE("terrain_runner runs a course with the skills that come with it") {
   CHECK(report["cleared"].get<int>() >= 0);
   CHECK(report["distance_m"].get<double>() > 10);
   CHECK(report["real_time_factor"].get<double>() > 1);
+  CHECK(report["core_time_factor"].get<double>() > 1);
   CHECK(fs::file_size(out / "replay.html") > 10000);
+}
+
+TEST_CASE("a live runner is not ahead of the clock, says where it is, and ends as another does") {
+  const fs::path folder = fresh("terrain_runner", "live");
+  const auto run = [&](const std::string& more) {
+    const auto begin = std::chrono::steady_clock::now();
+    const Outcome o = runner(folder, "run --seed 5 --obstacles 1 --highest 0.1 --threads 1 " + more + " --out " + (folder / "out").string());
+    REQUIRE(o.status == 0);
+    const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return std::tuple{o.out, report_of(folder / "out"), wall};
+  };
+  const auto [said, report, wall] = run("--live");
+  const double simulated = report["simulated_s"];
+  CHECK(simulated > 5);
+  CHECK(wall >= simulated);
+  CHECK(std::count(said.begin(), said.end(), '\n') >= static_cast<int>(simulated));
+  CHECK(said.find("obstacle 1 of 1") != std::string::npos);
+  // What it slept is not counted.
+  CHECK(report["real_time_factor"].get<double>() > 2);
+  const auto [quiet, other, time] = run("");
+  CHECK(other["distance_m"] == report["distance_m"]);
+  CHECK(quiet.find("obstacle 1 of 1") == std::string::npos);
 }
 
 TEST_CASE("courses go the same on any number of threads, most are completed, and without feedback hardly one") {
@@ -41,6 +67,43 @@ TEST_CASE("courses go the same on any number of threads, most are completed, and
   CHECK(one["completed"].get<int>() >= 12);
   const nlohmann::json blind = evaluate("blind", "--threads 2 --without feedback");
   CHECK(blind["completed"].get<int>() <= 4);
+}
+
+TEST_CASE("each part is left out in turn, on the same courses") {
+  const fs::path folder = fresh("terrain_runner", "ablations"), out = folder / "out";
+  const std::string courses = "evaluate --courses 8 --obstacles 2 --highest 0.2 ";
+  REQUIRE(runner(folder, courses + "--ablations --out " + out.string()).status == 0);
+  const nlohmann::json rows = report_of(out)["ablations"];
+  REQUIRE(rows.size() == 6);
+  CHECK(rows[0]["without"] == "");
+  CHECK(rows[0]["completed_percent_lower"] == 0);
+  for (const nlohmann::json& row : rows) {
+    CHECK(row["obstacles_cleared"].get<int>() <= row["obstacles_met"].get<int>());
+    CHECK(row["completed_percent_lower"].get<double>() <= 100);
+  }
+  REQUIRE(runner(folder, courses + "--without feedback --out " + out.string()).status == 0);
+  const nlohmann::json alone = report_of(out);
+  CHECK(rows[2]["without"] == "feedback");
+  CHECK(rows[2]["completed"] == alone["completed"]);
+  CHECK(rows[2]["obstacles_met"] == alone["obstacles_met"]);
+}
+
+TEST_CASE("one step is met from many distances") {
+  const fs::path folder = fresh("terrain_runner", "approach"), out = folder / "out";
+  REQUIRE(runner(folder, "evaluate --approach --trials 15 --out " + out.string()).status == 0);
+  const nlohmann::json found = report_of(out)["approach"];
+  CHECK(found["trials"] == 15);
+  CHECK(found["size_m"] == 0.2);
+  CHECK(found["successes"].get<int>() >= 11);
+  REQUIRE(found["by_distance"].size() == 7);
+  int trials = 0, successes = 0;
+  for (const nlohmann::json& bin : found["by_distance"]) {
+    CHECK(bin["trials"] == (bin["to_m"] == 100 ? 3 : 2));
+    trials += bin["trials"].get<int>();
+    successes += bin["successes"].get<int>();
+  }
+  CHECK(trials == 15);
+  CHECK(successes == found["successes"]);
 }
 
 TEST_CASE("an interrupted evaluation says no more than that") {
@@ -82,5 +145,8 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   std::ofstream(folder / "broken" / "measured.json") << "{\"step_length\": {}}\n";
   refused("evaluate " + (folder / "broken").string() + " --out " + out.string(), "measured.json: field 'step_length': field 'slope_s' is missing");
   refused("evaluate --without luck --out " + out.string(), "--without");
+  refused("evaluate --ablations --without planner --out " + out.string(), "--ablations");
+  refused("evaluate --ablations --approach --out " + out.string(), "--ablations");
+  refused("evaluate --trials 20 --out " + out.string(), "--trials: expected with --approach");
   refused("run --lowest 0.5 --highest 0.2 --out " + out.string(), "--highest");
 }

@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: MIT
+#include "protocols.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <map>
+
+#include "../common/lane.hpp"
+#include "../common/progress.hpp"
+#include "traceur/core/executor.hpp"
+
+namespace terrain_runner {
+
+using namespace traceur;
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+/// Where the paper's trials start, in tenths of a metre from the obstacle: each of them, and what is counted together.
+constexpr int nearest_dm = 300, farthest_dm = 1000, bin_dm = 100;
+
+/// What became of all courses, in their order, whatever the number of threads. `course(i)` makes the i-th.
+std::vector<CourseOutcome> run_all(const CourseRunner& runner, int count, const std::function<Course(int)>& course,
+                                   core::ThreadExecutor& executor) {
+  constexpr int width = core::lane_count<example::Lane>;
+  const int groups = (count + width - 1) / width;
+  std::vector<CourseOutcome> out(static_cast<std::size_t>(count));
+  executor.run(groups, [&](int g, int) {
+    if (example::interruption_asked()) return;
+    const int first = g * width;
+    std::vector<Course> courses;
+    for (int i = first; i < std::min(count, first + width); ++i) courses.push_back(course(i));
+    CourseRunner mine = runner;
+    std::ranges::move(mine.run(courses, static_cast<std::uint64_t>(first)), out.begin() + first);
+  });
+  if (example::interruption_asked()) throw example::Interrupted{};
+  return out;
+}
+
+/// Courses counted.
+struct Tally {
+  int courses = 0, completed = 0, met = 0, cleared = 0;
+  double seconds = 0;
+  std::map<std::string, int> failures;
+  Json falls = Json::array();
+
+  explicit Tally(const std::vector<CourseOutcome>& outcomes) {
+    for (const CourseOutcome& c : outcomes) add(c);
+  }
+  void add(const CourseOutcome& c) {
+    completed += c.completed;
+    cleared += c.cleared;
+    // Of a course that failed, the steps behind were not met.
+    met += c.cleared + (c.completed ? 0 : 1);
+    seconds += c.seconds;
+    if (!c.failure.empty()) {
+      ++failures[c.failure];
+      falls.push_back({{"course", courses},
+                       {"what", c.failure},
+                       {"cleared", c.cleared},
+                       {"rise_m", c.failed_rise},
+                       {"steps_since_leap", c.steps_since_leap},
+                       {"distance_m", c.distance}});
+    }
+    ++courses;
+  }
+  double share() const { return met > 0 ? static_cast<double>(cleared) / met : 0; }
+};
+
+double percent_lower(double x, double whole) { return whole > 0 ? 100 * (1 - x / whole) : 0; }
+
+void evaluate_ablations(const Options& o, const Player& player, const Skills& skills,
+                        const std::function<Course(int)>& course, core::ThreadExecutor& executor, Json& report) {
+  const auto tally = [&](const std::string& without) {
+    return Tally(run_all(course_runner(player, skills, o.seed, without), o.courses, course, executor));
+  };
+  std::printf("%-22s %9s  %15s  %20s\n", "", "completed", "steps cleared", "percent lower");
+  std::printf("%-22s %9s  %15s  %9s  %9s\n", "", "", "of those met", "completed", "cleared");
+  Json rows = Json::array();
+  const Tally whole = tally("");
+  const auto tell = [&](const std::string& without, const Tally& t) {
+    const double completed = percent_lower(t.completed, whole.completed),
+                 cleared = percent_lower(t.share(), whole.share());
+    std::printf("%-22s %9d  %6d of %5d  %9.1f  %9.1f\n",
+                without.empty() ? "the whole system" : ("without " + without).c_str(), t.completed, t.cleared, t.met,
+                completed, cleared);
+    std::fflush(stdout);
+    rows.push_back({{"without", without},
+                    {"completed", t.completed},
+                    {"obstacles_cleared", t.cleared},
+                    {"obstacles_met", t.met},
+                    {"completed_percent_lower", completed},
+                    {"cleared_share_percent_lower", cleared},
+                    {"failures", t.failures}});
+  };
+  tell("", whole);
+  for (const char* part : parts) tell(part, tally(part));
+  report["courses"] = o.courses;
+  report["ablations"] = rows;
+}
+
+void evaluate_approach(const Options& o, const Player& player, const Skills& skills, core::ThreadExecutor& executor,
+                       Json& report) {
+  const ObstacleKind& kind = obstacle_kinds[0];
+  const auto distance_dm = [&](int i) {
+    const double gap = o.trials > 1 ? static_cast<double>(farthest_dm - nearest_dm) / (o.trials - 1) : 0;
+    return nearest_dm + static_cast<int>(std::lround(i * gap));
+  };
+  const auto outcomes = run_all(
+      course_runner(player, skills, o.seed, o.without), o.trials,
+      [&](int i) { return one_step(0.1 * distance_dm(i), kind.default_size); }, executor);
+  struct Bin {
+    int trials = 0, successes = 0;
+  };
+  std::array<Bin, (farthest_dm - nearest_dm) / bin_dm> bins;
+  const Tally all(outcomes);
+  for (int i = 0; i < o.trials; ++i) {
+    // The farthest trial closes the last bin.
+    Bin& b =
+        bins[std::min<std::size_t>(bins.size() - 1, static_cast<std::size_t>((distance_dm(i) - nearest_dm) / bin_dm))];
+    ++b.trials;
+    b.successes += outcomes[static_cast<std::size_t>(i)].completed;
+  }
+  std::printf("%s of %.2f m, started 30 to 100 m before it: %d of %d trials cleared it and ran on, %.1f %%\n",
+              kind.name, kind.default_size, all.completed, o.trials, 100.0 * all.completed / o.trials);
+  Json list = Json::array();
+  for (std::size_t b = 0; b < bins.size(); ++b) {
+    const int from = nearest_dm / 10 + static_cast<int>(b) * bin_dm / 10, to = from + bin_dm / 10;
+    std::printf("  %d to %d m: %d of %d\n", from, to, bins[b].successes, bins[b].trials);
+    list.push_back({{"from_m", from}, {"to_m", to}, {"trials", bins[b].trials}, {"successes", bins[b].successes}});
+  }
+  for (const auto& [what, count] : all.failures) std::printf("  %s: %d\n", what.c_str(), count);
+  report["approach"] = {{"skill", kind.name},         {"size_m", kind.default_size},
+                        {"without", o.without},       {"trials", o.trials},
+                        {"successes", all.completed}, {"share", static_cast<double>(all.completed) / o.trials},
+                        {"by_distance", list},        {"failures", all.failures}};
+}
+
+}  // namespace
+
+Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills)
+    : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
+  body.leap_speed = body.narrow.table.speed();
+  body.add_leap(skills.measured->events);
+}
+
+CourseRunner course_runner(const Player& player, const Skills& skills, std::uint64_t seed, const std::string& without) {
+  CourseSettings s;
+  s.seed = seed;
+  s.planner = without != "planner";
+  s.feedback = without != "feedback";
+  s.recovery = without != "recovery";
+  s.composition.blend = without != "blending";
+  return {player.body, player.running, leap_model(*skills.jump, without != "interpolation"), skills.measured->length,
+          s};
+}
+
+CourseShape course_shape(const Options& o) {
+  CourseShape shape;
+  shape.obstacles = o.obstacles;
+  shape.lowest = o.lowest;
+  shape.highest = o.highest;
+  return shape;
+}
+
+Course one_step(double distance, double rise) {
+  // Cells are such that one begins at the edge.
+  constexpr double cell = 0.5, before = 10, behind = 20;
+  const int low = static_cast<int>(std::ceil((distance + before) / cell)), all = low + static_cast<int>(behind / cell);
+  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(all, 1);
+  heights.bottomRows(all - low).setConstant(rise);
+  return {{distance}, {rise}, terrain::HeightGrid(heights, cell, distance - low * cell, 0)};
+}
+
+void evaluate(const Options& o, const Player& player, const Skills& skills, Json& report) {
+  core::ThreadExecutor executor(o.threads);
+  if (o.approach) {
+    evaluate_approach(o, player, skills, executor, report);
+    return;
+  }
+  const CourseShape shape = course_shape(o);
+  const auto course = [&](int i) { return random_course(shape, o.seed, static_cast<std::uint64_t>(i)); };
+  if (o.ablations) {
+    evaluate_ablations(o, player, skills, course, executor, report);
+    return;
+  }
+  const Tally t(run_all(course_runner(player, skills, o.seed, o.without), o.courses, course, executor));
+  report["courses"] = t.courses;
+  report["completed"] = t.completed;
+  report["obstacles_met"] = t.met;
+  report["obstacles_cleared"] = t.cleared;
+  report["failures"] = t.failures;
+  report["failed"] = t.falls;
+  report["without"] = o.without;
+  report["simulated_s"] = t.seconds;
+  std::printf("%d of %d courses completed, %d of %d steps cleared\n", t.completed, t.courses, t.cleared, t.met);
+  for (const auto& [what, count] : t.failures) std::printf("  %s: %d\n", what.c_str(), count);
+}
+
+}  // namespace terrain_runner
