@@ -20,9 +20,11 @@
 #include "../common/files.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
+#include "compare.hpp"
 #include "live.hpp"
 #include "options.hpp"
 #include "protocols.hpp"
+#include "report.hpp"
 #include "trainer.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/version.hpp"
@@ -152,19 +154,24 @@ int carry_out(const Options& o) {
       skills.gait = io::read_controller(o.gait, model, roles);
   } else {
     skills = read_skills(o.skills, model, roles);
-    if (!skills.running || !skills.measured || !skills.jump)
-      throw Error(o.skills.string() + ": expected running.txt, measured.json and jump.txt; train writes them");
+    if (!skills.running || !skills.measured) throw Error(o.skills.string() + ": expected running.txt and measured.json; train writes them");
+    if (!skills.jump && o.command != Command::plot && o.command != Command::compare) throw Error(o.skills.string() + ": expected jump.txt; train writes it");
   }
   example::check_writable(o.out, o.report);
-  constexpr const char* commands[] = {"train", "run", "evaluate"};
+  constexpr const char* commands[] = {"train", "run", "evaluate", "plot", "compare"};
   Json report{{"program", "terrain_runner"}, {"version", core::version_string}, {"command", commands[static_cast<int>(o.command)]},
               {"seed", o.seed}, {"quick", o.quick}};
-  const std::string resume = o.command == Command::train ? "terrain_runner train --resume " + o.out.string() : "";
+  const bool lasts = o.command == Command::train || o.command == Command::compare;
+  const std::string resume = lasts ? std::string("terrain_runner ") + commands[static_cast<int>(o.command)] + " --resume " + o.out.string() : "";
   const example::Ending ending = example::ending_of(resume, [&] {
     if (o.command == Command::train)
       train(o, model, roles, std::move(skills), report);
     else if (o.command == Command::run)
       run(o, model, Player(model, roles, skills), skills, report);
+    else if (o.command == Command::plot)
+      write_skill_report(o, model, roles, skills, report);
+    else if (o.command == Command::compare)
+      compare(o, model, roles, skills, report);
     else
       evaluate(o, Player(model, roles, skills), skills, report);
   });

@@ -16,17 +16,23 @@ std::optional<Options> read_options(int argc, char** argv) {
   fs::path resume;
   CLI::App app(
       "terrain_runner teaches a simulated character to run at any speed and turn and to leap up steps (train), sends it over a\n"
-      "random course (run), and over many (evaluate).",
+      "random course (run), and over many (evaluate); plot shows what was learned, and\n"
+      "compare explores what running can do in two ways.",
       "terrain_runner");
   app.set_version_flag("--version", std::string(traceur::core::version_string));
   app.require_subcommand(1);
   CLI::App* train = app.add_subcommand("train", "learn the skills from a running controller");
   CLI::App* run = app.add_subcommand("run", "run a course and write a replay");
   CLI::App* evaluate = app.add_subcommand("evaluate", "run many courses and count");
+  CLI::App* plot = app.add_subcommand("plot", "write a page of plots of the skills: what is explored, and how long steps are");
+  CLI::App* compare =
+      app.add_subcommand("compare", "explore running's range by predictor-corrector and axis by axis, from the same gait and first node");
   train->add_option("GAIT", o.gait, "controller of a run, as perform --feedback small writes it (controller.json; default: the examples' own gait, as it is)")->type_name("FILE");
-  train->add_option("--resume", resume, "continue the interrupted job in this folder");
-  for (CLI::App* c : {run, evaluate}) {
+  for (CLI::App* c : {train, compare}) c->add_option("--resume", resume, "continue the interrupted job in this folder");
+  compare->add_option("--runs", o.runs, "of each way, after which no new round begins (default: as training has it)")->check(CLI::Range(1, 1000000000));
+  for (CLI::App* c : {run, evaluate, plot, compare})
     c->add_option("SKILLS", o.skills, "folder that train wrote (default: the examples' own)")->type_name("DIR");
+  for (CLI::App* c : {run, evaluate}) {
     c->add_option("--obstacles", o.obstacles, "steps of a course (default 2)")->check(CLI::Range(1, 100));
     c->add_option("--lowest", o.lowest, "lowest step, m (default 0.1)")->check(CLI::Range(0.05, 0.8));
     c->add_option("--highest", o.highest, "highest step, m (default 0.25)")->check(CLI::Range(0.05, 0.8));
@@ -38,7 +44,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   evaluate->add_flag("--approach", o.approach, "no courses: one step of 0.2 m, started 30 to 100 m before it");
   evaluate->add_option("--trials", o.trials, "of --approach, evenly spaced (default 701, every 0.1 m)")->check(CLI::Range(2, 701));
   run->add_flag("--live", o.live, "no faster than real time, and say where the runner is");
-  for (CLI::App* c : {train, run, evaluate}) {
+  for (CLI::App* c : {train, run, evaluate, plot, compare}) {
     c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
     c->add_option("--out", o.out, "folder for the results");
     c->add_option("--report", o.report, "report file, JSON (default: report.json in the --out folder)");
@@ -47,12 +53,14 @@ std::optional<Options> read_options(int argc, char** argv) {
     c->add_flag("--quick", o.quick, "a run of under a minute, with less effort and poorer results");
   }
   if (!example::parse(app, argc, argv)) return std::nullopt;
-  o.command = train->parsed() ? Command::train : run->parsed() ? Command::run : Command::evaluate;
+  o.command = train->parsed() ? Command::train : run->parsed() ? Command::run : evaluate->parsed() ? Command::evaluate : plot->parsed() ? Command::plot : Command::compare;
   for (fs::path* p : {&o.gait, &o.skills, &o.character, &o.out, &o.report, &resume}) *p = absolute_path(*p);
   if (!resume.empty()) {
     if (!o.out.empty() || !o.gait.empty()) throw traceur::Error("--resume: the folder knows its gait; leave GAIT and --out out");
+    if (!o.skills.empty()) throw traceur::Error("--resume: the folder knows its skills; leave SKILLS out");
     o.resume = true;
     o.out = resume;
+    if (o.command == Command::compare) o.skills = resume;
   }
   if (o.character.empty()) o.character = absolute_path(example::default_character());
   if (o.out.empty()) throw traceur::Error("expected --out DIR (--help lists the options)");

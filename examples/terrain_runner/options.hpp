@@ -9,13 +9,13 @@
 
 namespace terrain_runner {
 
-enum class Command { train, run, evaluate };
+enum class Command { train, run, evaluate, plot, compare };
 
 /// What the user asked for.
 struct Options {
   Command command = Command::run;
   std::filesystem::path gait;       ///< train: a running controller, as perform writes it
-  std::filesystem::path skills;     ///< run, evaluate: folder that train wrote
+  std::filesystem::path skills;     ///< all but train: folder that train wrote
   std::filesystem::path character;  ///< MJCF file
   std::filesystem::path out;        ///< folder of all results
   std::filesystem::path report;     ///< JSON; by default report.json in `out`
@@ -25,6 +25,7 @@ struct Options {
   bool resume = false;
   bool learn_gait = true;  ///< train: false when the gait is the one that comes with the examples, which is one already
   int courses = 100;    ///< evaluate
+  std::int64_t runs = 0;    ///< compare: of each way to explore; 0 for as many as training has
   int obstacles = 2;    ///< of a course
   double highest = 0.25, lowest = 0.1;  ///< steps, m
   bool live = false;        ///< run: no faster than real time

@@ -20,16 +20,6 @@ namespace {
 const std::vector<double> gait_amplitudes{0.5, 0.75, 1, 1.25, 1.5};
 const std::vector<double> leap_heights{0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8};
 
-std::optional<parameterize::Continuation> read_stage(const fs::path& path) {
-  if (!fs::exists(path)) return std::nullopt;
-  std::ifstream in(path);
-  try {
-    return parameterize::Continuation::load(in);
-  } catch (const Error& e) {
-    throw Error(path.string() + ": " + e.what());
-  }
-}
-
 std::optional<Measured> read_measured(const fs::path& path, int ticks) {
   if (!fs::exists(path)) return std::nullopt;
   std::ifstream in(path);
@@ -46,11 +36,22 @@ std::optional<Measured> read_measured(const fs::path& path, int ticks) {
 
 }  // namespace
 
+std::optional<parameterize::Continuation> read_stage(const fs::path& folder, const char* name) {
+  const fs::path path = folder / (std::string(name) + ".txt");
+  if (!fs::exists(path)) return std::nullopt;
+  std::ifstream in(path);
+  try {
+    return parameterize::Continuation::load(in);
+  } catch (const Error& e) {
+    throw Error(path.string() + ": " + e.what());
+  }
+}
+
 Skills read_skills(const fs::path& folder, const sim::Model& model, const control::Roles& roles) {
   Skills s;
   s.gait = io::read_controller(folder / "gait.json", model, roles);
-  s.running = read_stage(folder / "running.txt");
-  s.jump = read_stage(folder / "jump.txt");
+  s.running = read_stage(folder, "running");
+  s.jump = read_stage(folder, "jump");
   s.measured = read_measured(folder / "measured.json", s.gait.ticks());
   return s;
 }

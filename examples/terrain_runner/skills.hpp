@@ -40,7 +40,8 @@ struct Skills {
 Skills read_skills(const std::filesystem::path& folder, const sim::Model& model, const control::Roles& roles);
 void write_gait(const std::filesystem::path& folder, const control::Controller& gait);
 void write_measured(const std::filesystem::path& folder, const Measured& m);
-/// `name`: running or jump.
+/// `name`: running or jump. Reading gives nothing if there is no such file, and throws traceur::Error when it is not one.
+std::optional<traceur::parameterize::Continuation> read_stage(const std::filesystem::path& folder, const char* name);
 void write_stage(const std::filesystem::path& folder, const char* name, const traceur::parameterize::Continuation& c);
 
 /// Controls for running at any speed and turn, looked up from those that were learned.

@@ -214,6 +214,7 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
     if (interruption_asked()) throw Interrupted{};
     c.tell(results);
     write_stage(folder_, "running", c);
+    if (on_range) on_range(c);
     progress_("running", text("%.0f %% of the range, %ld runs", 100 * c.coverage(), static_cast<long>(c.evaluations())));
   }
   return c;

@@ -64,12 +64,14 @@ public:
 
   /// Makes the law good for Eq. 8 and resets the reference to the simulated motion.
   control::Controller make_gait(const control::Controller& from);
-  /// Spreads the gait over speeds and turns.
+  /// Spreads the gait over speeds and turns. `on_range` is told after each round.
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
   /// Learns a leap, improves it and what follows it from states in which leaps on courses begin, and spreads it over heights.
   traceur::parameterize::Continuation learn_jump(const RunningModel& running, const Body& body,
                                                  const traceur::plan::StepLength<double>& length,
                                                  std::optional<traceur::parameterize::Continuation> from);
+
+  std::function<void(const traceur::parameterize::Continuation&)> on_range;
 
   /// At nodes with turns of at most `most_turn` degrees per step, to either side.
   std::vector<NodeResult> test_running(const control::Controller& gait, const traceur::parameterize::Continuation& c, int trials,

@@ -106,6 +106,39 @@ TEST_CASE("one step is met from many distances") {
   CHECK(successes == found["successes"]);
 }
 
+TEST_CASE("skills are shown on a page that needs no other file") {
+  const fs::path folder = fresh("terrain_runner", "plot"), known = folder / "skills", out = folder / "out";
+  const auto count = [](const std::string& text, const std::string& part) {
+    int n = 0;
+    for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++n;
+    return n;
+  };
+  REQUIRE(runner(folder, "plot --quick --threads 1 --out " + out.string()).status == 0);
+  CHECK(report_of(out)["plots"] == 3);
+  const std::string page = text_of(out / "report.html");
+  CHECK(count(page, "<svg ") == 3);
+  CHECK(count(page, "</svg>") == 3);
+  for (const char* reference : {"http", "src=", "href", "url(", "@import"}) CHECK(page.find(reference) == std::string::npos);
+  // 28 nodes of running and 4 of the jump.
+  CHECK(page.find("28 nodes, 13 solved") != std::string::npos);
+  CHECK(page.find("0.2 v + 0.17, the paper") != std::string::npos);
+  CHECK(report_of(out)["step_length"]["residual_of_planned_m"].get<double>() < 0.1);
+
+  fs::create_directories(known);
+  for (const char* file : {"gait.json", "running.txt", "measured.json", "jump.txt"}) fs::copy_file(skills / file, known / file);
+  std::ofstream(known / "report.json") << R"({"jump": {"heights": [{"height_m": 0.1, "trials": 16, "cleared": 15}]}})";
+  REQUIRE(runner(folder, "plot " + known.string() + " --quick --threads 1 --out " + out.string()).status == 0);
+  CHECK(count(text_of(out / "report.html"), "<svg ") == 4);
+  fs::remove(known / "jump.txt");
+  REQUIRE(runner(folder, "plot " + known.string() + " --quick --threads 1 --out " + out.string()).status == 0);
+  CHECK(count(text_of(out / "report.html"), "<svg ") == 2);
+  fs::copy_file(skills / "jump.txt", known / "jump.txt");
+  std::ofstream(known / "report.json") << R"({"jump": {}})";
+  const Outcome faulty = runner(folder, "plot " + known.string() + " --quick --threads 1 --out " + out.string());
+  CHECK(faulty.status == 1);
+  CHECK(faulty.out.find("report.json: field 'jump': field 'heights' is missing") != std::string::npos);
+}
+
 TEST_CASE("an interrupted evaluation says no more than that") {
   const fs::path folder = fresh("terrain_runner", "interrupted"), out = folder / "out";
   shell(folder, "timeout --foreground -s INT 1 " + program.string() + " evaluate --courses 100000 --threads 1 --out " + out.string());

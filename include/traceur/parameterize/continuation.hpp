@@ -159,6 +159,8 @@ public:
   const Eigen::VectorXd& control(int node) const noexcept { return nodes_[index(node)].control; }
   /// The cost told with that control.
   double cost(int node) const noexcept { return nodes_[index(node)].cost; }
+  /// Which of the predictions (counted from 1) it was last tested with; 0 for none.
+  int tested_round(int node) const noexcept { return std::max(0, nodes_[index(node)].tested_round); }
 
   /// The jobs of this step; the same ones until `tell`. Empty once finished.
   const std::vector<ContinuationTask>& ask() const noexcept { return tasks_; }
