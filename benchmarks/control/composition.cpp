@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Time of a control tick of one composed runner without its simulation: looking up the reference, sensing, the affine law and
 // the targets ("follow"), and with the clock, the planner and the control of a new step ("whole"; a new step every 24 ticks, as
-// running has it). One character, one thread, float.
+// running has it); and of a tick at which a step begins ("step", the longest). One character, one thread, float.
 #include <cmath>
 #include <filesystem>
 #include <numbers>
@@ -86,15 +86,16 @@ struct Runner {
     follower.act(lanes);
     benchmark::DoNotOptimize(lanes.target());
   }
+  void decide() {
+    const plan::Approach<double> approach{2, 3.5};
+    const auto p = planner.plan(20, composer.player().speed(), approach);
+    const double turn = direction.turn(composer.player().frame().heading, 0, 0.1);
+    const double theta[2] = {std::abs(turn), p.speeds[0]};
+    controls.evaluate<double>(theta, {numbers.data(), static_cast<std::size_t>(numbers.size())});
+    composer.step(numbers, p.speeds[0], turn);
+  }
   void whole() {
-    if (composer.at_step()) {
-      const plan::Approach<double> approach{2, 3.5};
-      const auto p = planner.plan(20, composer.player().speed(), approach);
-      const double turn = direction.turn(composer.player().frame().heading, 0, 0.1);
-      const double theta[2] = {std::abs(turn), p.speeds[0]};
-      controls.evaluate<double>(theta, {numbers.data(), static_cast<std::size_t>(numbers.size())});
-      composer.step(numbers, p.speeds[0], turn);
-    }
+    if (composer.at_step()) decide();
     follow();
     x += 3.5 / 60;
     composer.advance(1.0 / 60, x, 0);
@@ -111,7 +112,16 @@ void whole(benchmark::State& state) {
   for (auto _ : state) runner.whole();
 }
 
+void step(benchmark::State& state) {
+  Runner runner;
+  for (auto _ : state) {
+    runner.decide();
+    runner.follow();
+  }
+}
+
 BENCHMARK(follow);
 BENCHMARK(whole);
+BENCHMARK(step);
 
 }  // namespace

@@ -48,7 +48,8 @@ struct History {
   }
   void write(const fs::path& path) const {
     Json json = Json::array();
-    for (const auto& [evaluations, coverage] : rounds) json.push_back({{"evaluations", evaluations}, {"coverage", coverage}});
+    for (const auto& [evaluations, coverage] : rounds)
+      json.push_back({{"evaluations", evaluations}, {"coverage", coverage}});
     io::write_atomically(path, Json{{"rounds", json}}.dump(2) + "\n");
   }
   /// None if there is no file.
@@ -69,7 +70,8 @@ struct History {
 
 }  // namespace
 
-void compare(const Options& o, const sim::Model& model, const control::Roles& roles, const Skills& skills, Json& report) {
+void compare(const Options& o, const sim::Model& model, const control::Roles& roles, const Skills& skills,
+             Json& report) {
   Effort effort = Effort::of(o.quick, o.seed);
   if (o.runs > 0) effort.running_evaluations = o.runs;
   const auto axis = [](const std::vector<double>& x) {
@@ -78,7 +80,8 @@ void compare(const Options& o, const sim::Model& model, const control::Roles& ro
   const Continuation& given = *skills.running;
   std::vector<example::Series> curves;
   std::vector<std::string> plots{""};
-  std::vector<std::pair<std::string, std::string>> facts{{"runs after which no new round begins", std::to_string(effort.running_evaluations)}};
+  std::vector<std::pair<std::string, std::string>> facts{
+      {"runs after which no new round begins", std::to_string(effort.running_evaluations)}};
   Json rows = Json::array();
   if (!o.resume) {
     write_gait(o.out, skills.gait);
@@ -100,7 +103,8 @@ void compare(const Options& o, const sim::Model& model, const control::Roles& ro
       grid.strategy = way.strategy;
       c.emplace(grid, given.parameter(given.seed()), given.control(given.seed()));
     }
-    if (c->parameters().strategy != way.strategy) throw Error((folder / "running.txt").string() + ": expected to be explored " + way.name);
+    if (c->parameters().strategy != way.strategy)
+      throw Error((folder / "running.txt").string() + ": expected to be explored " + way.name);
     history.add(*c);
     Trainer trainer(model, roles, effort, folder, o.threads, [&](const char*, const std::string& what) {
       std::printf("%s: %s\n", way.name, what.c_str());
@@ -137,12 +141,14 @@ void compare(const Options& o, const sim::Model& model, const control::Roles& ro
                     {"tests", c->tests()},
                     {"optimizations", c->optimizations()},
                     {"coverage_after", shares}});
-    std::string found = example::rounded(100 * c->coverage(), 0) + " % of " + std::to_string(c->node_count()) + " nodes in " +
-                        std::to_string(c->evaluations()) + " runs, " + std::to_string(c->optimizations()) + " searches";
+    std::string found = example::rounded(100 * c->coverage(), 0) + " % of " + std::to_string(c->node_count()) +
+                        " nodes in " + std::to_string(c->evaluations()) + " runs, " +
+                        std::to_string(c->optimizations()) + " searches";
     facts.push_back({way.name, found + (c->finished() ? ", ended by itself" : "")});
     std::printf("%s: %s\n", way.name, facts.back().second.c_str());
   }
-  plots[0] = example::chart("Coverage over runs", {"thousands of runs", "nodes covered, %", {}, {0, 20, 40, 60, 80, 100}}, curves);
+  plots[0] = example::chart("Coverage over runs",
+                            {"thousands of runs", "nodes covered, %", {}, {0, 20, 40, 60, 80, 100}}, curves);
   const fs::path page = o.out / "compare.html";
   io::write_atomically(page, example::plot_page("Terrain Runner: two ways to explore", facts, plots));
   report["budget"] = effort.running_evaluations;

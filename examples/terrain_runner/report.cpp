@@ -159,9 +159,9 @@ std::vector<Series> success_shares(const fs::path& path, const std::vector<Obsta
 }  // namespace
 
 std::string running_range(const std::string& title, const Continuation& c) {
+  if (c.dimension() != 2) throw Error("running.txt: expected a range of turn and speed");
   return example::chart(
-      title,
-      {"turn, degrees per step", "speed, m/s", values(c.parameters().axes[0]), values(c.parameters().axes[1])},
+      title, {"turn, degrees per step", "speed, m/s", values(c.parameters().axes[0]), values(c.parameters().axes[1])},
       nodes_by_status({&c}, true, [](const Continuation& of, std::size_t, int n) {
         const Eigen::VectorXd theta = of.parameter(n);
         return std::pair{theta[0], theta[1]};
@@ -181,7 +181,8 @@ void write_skill_report(const Options& o, const sim::Model& model, const control
   if (example::interruption_asked()) throw example::Interrupted{};
   const plan::StepLength<double>& line = skills.measured->length;
   double residual = 0;
-  std::vector<std::string> plots{running_range("Running: nodes, and which round tried them last", running), step_lengths(nodes, line, residual)};
+  std::vector<std::string> plots{running_range("Running: nodes, and which round tried them last", running),
+                                 step_lengths(nodes, line, residual)};
   const plan::StepLength<double> fresh = trainer.step_length(nodes);
   std::vector<std::pair<std::string, std::string>> facts{{"running", counts(running)}};
   for (const ObstacleSkill& s : obstacles) facts.push_back({s.kind->name, counts(s.found)});

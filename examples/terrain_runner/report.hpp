@@ -17,7 +17,8 @@ namespace terrain_runner {
 void write_skill_report(const Options& o, const sim::Model& model, const control::Roles& roles, const Skills& skills,
                         nlohmann::ordered_json& report);
 
-/// The nodes of running's range as a chart, an SVG element.
+/// The nodes of running's range as a chart, an SVG element. Throws traceur::Error when it is no range of turn
+/// and speed.
 std::string running_range(const std::string& title, const traceur::parameterize::Continuation& c);
 
 }  // namespace terrain_runner

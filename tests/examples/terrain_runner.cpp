@@ -139,6 +139,29 @@ TEST_CASE("skills are shown on a page that needs no other file") {
   CHECK(faulty.out.find("report.json: field 'jump': field 'heights' is missing") != std::string::npos);
 }
 
+TEST_CASE("two ways to explore begin alike, and an interrupted comparison ends as another does") {
+  const fs::path folder = fresh("terrain_runner", "compare"), out = folder / "out", cut = folder / "cut";
+  const std::string job = "compare --quick --runs 100 --threads 1 ";
+  REQUIRE(runner(folder, job + "--out " + out.string()).status == 0);
+  const nlohmann::json whole = report_of(out);
+  REQUIRE(whole["ways"].size() == 2);
+  for (const nlohmann::json& way : whole["ways"]) {
+    CHECK(way["coverage"].get<double>() > 0.15);
+    const nlohmann::json rounds = nlohmann::json::parse(text_of(out / way["strategy"].get<std::string>() / "coverage.json"))["rounds"];
+    CHECK(rounds.front()["evaluations"] == 0);
+    CHECK(rounds.front()["coverage"].get<double>() == doctest::Approx(1.0 / 9));
+    CHECK(rounds.back()["coverage"] == way["coverage"]);
+    CHECK(rounds.back()["evaluations"] == way["evaluations"]);
+  }
+  CHECK(whole["ways"][1]["tests"] == 0);
+  const std::string page = text_of(out / "compare.html");
+  CHECK(page.find("Coverage over runs") != std::string::npos);
+  CHECK(page.find("http") == std::string::npos);
+  shell(folder, "timeout --foreground -s INT 1 " + program.string() + " " + job + "--out " + cut.string());
+  REQUIRE(runner(folder, "compare --quick --runs 100 --threads 1 --resume " + cut.string()).status == 0);
+  CHECK(report_of(cut)["ways"] == whole["ways"]);
+}
+
 TEST_CASE("an interrupted evaluation says no more than that") {
   const fs::path folder = fresh("terrain_runner", "interrupted"), out = folder / "out";
   shell(folder, "timeout --foreground -s INT 1 " + program.string() + " evaluate --courses 100000 --threads 1 --out " + out.string());
@@ -181,5 +204,8 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   refused("evaluate --ablations --without planner --out " + out.string(), "--ablations");
   refused("evaluate --ablations --approach --out " + out.string(), "--ablations");
   refused("evaluate --trials 20 --out " + out.string(), "--trials: expected with --approach");
+  refused("compare --runs 0 --out " + out.string(), "--runs");
+  refused("compare --resume " + (folder / "empty").string() + " --out " + out.string(), "--resume");
+  refused("plot " + (folder / "empty").string() + " --out " + out.string(), "gait.json");
   refused("run --lowest 0.5 --highest 0.2 --out " + out.string(), "--highest");
 }
