@@ -170,6 +170,11 @@ TEST_CASE("continuation: in one dimension, from the end of the axis") {
   CHECK(c.coverage() == 1.0);
   CHECK(c.optimizations() < 10);
   CHECK(c.status(0) == NodeStatus::solved);
+  CHECK(c.tested_round(c.seed()) == 0);
+  for (int node = 1; node < c.node_count(); ++node) {
+    CHECK(c.tested_round(node) >= 1);
+    CHECK(c.tested_round(node) <= c.rounds());
+  }
 }
 
 TEST_CASE("continuation: what cannot be done is left as failed, all around it is found, and it ends") {
