@@ -16,7 +16,7 @@ using example::Lane;
 
 namespace {
 
-constexpr double cell = 0.5;             // m, of the ground along the way
+constexpr double cell = 0.2;             // m, of the ground along the way
 constexpr double slowest = 2.75, fastest = 4.5;  // m/s, what the planner may ask for
 constexpr int horizon = 13;              // steps; obstacles as far as this are not planned for
 constexpr double slower_than_balanced = 0.6;     // m/s below cruising: still coming back to balance
@@ -56,23 +56,31 @@ control::RunningState arrival(const sim::Model& model, const control::Roles& rol
 
 double Course::height(double x) const { return ground.height(x, 0); }
 
+Course course_of(std::vector<CourseObstacle> obstacles, double depth) {
+  const double before = 10, last = obstacles.empty() ? 0 : obstacles.back().x;
+  const int cells = static_cast<int>((last + 2 * before) / cell) + 1;
+  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(cells, 1);
+  for (const CourseObstacle& o : obstacles) {
+    const int from = static_cast<int>(std::lround((o.x + before) / cell));
+    const int to = o.kind == Kind::vault ? from + static_cast<int>(std::lround(depth / cell)) : cells;
+    for (int k = from; k < std::min(to, cells); ++k) heights(k, 0) += o.height;
+  }
+  return {std::move(obstacles), terrain::HeightGrid(heights, cell, -before, 0)};
+}
+
 Course random_course(const CourseShape& shape, std::uint64_t seed, std::uint64_t number) {
+  if (shape.kinds.empty()) throw Error("course: expected a kind of obstacle");
   core::RandomStream random(seed, 4000, number);
-  std::vector<double> edges, rises;
+  std::vector<CourseObstacle> obstacles;
   double x = 0;
   for (int i = 0; i < shape.obstacles; ++i) {
     x += std::round(random.uniform(shape.nearest, shape.farthest) / cell) * cell;
-    edges.push_back(x);
-    rises.push_back(random.uniform(shape.lowest, shape.highest));
+    const std::size_t which = shape.kinds.size() > 1 ? static_cast<std::size_t>(random.next_u32()) % shape.kinds.size() : 0;
+    const Kind kind = shape.kinds[which];
+    const auto& range = shape.heights[index_of(kind)];
+    obstacles.push_back({kind, x, random.uniform(range[0], range[1])});
   }
-  const double before = 10;
-  const int cells = static_cast<int>((x + 2 * before) / cell) + 1;
-  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(cells, 1);
-  for (std::size_t i = 0; i < edges.size(); ++i) {
-    const int from = static_cast<int>(std::lround((edges[i] + before) / cell));
-    for (int k = from; k < cells; ++k) heights(k, 0) += rises[i];
-  }
-  return {edges, rises, terrain::HeightGrid(heights, cell, -before, 0)};
+  return course_of(std::move(obstacles), shape.depth);
 }
 
 struct CourseRunner::Runner {
@@ -86,11 +94,11 @@ struct CourseRunner::Runner {
   int since = -1;            ///< steps begun since the last leap
 };
 
-LeapModel leap_model(const parameterize::Continuation& jump, bool interpolation) {
+ManoeuvreModel manoeuvre_model(const parameterize::Continuation& c, bool interpolation) {
   std::vector<double> learned;
-  for (int n = 0; n < jump.node_count(); ++n)
-    if (jump.status(n) == parameterize::NodeStatus::solved) learned.push_back(jump.parameter(n)[0]);
-  return [rbf = jump.model(), learned, interpolation](double height) -> Eigen::VectorXd {
+  for (int n = 0; n < c.node_count(); ++n)
+    if (c.status(n) == parameterize::NodeStatus::solved) learned.push_back(c.parameter(n)[0]);
+  return [rbf = c.model(), learned, interpolation](double height) -> Eigen::VectorXd {
     if (!interpolation)
       height = *std::min_element(learned.begin(), learned.end(),
                                  [&](double a, double b) { return std::abs(a - height) < std::abs(b - height); });
@@ -98,35 +106,40 @@ LeapModel leap_model(const parameterize::Continuation& jump, bool interpolation)
   };
 }
 
-CourseRunner::CourseRunner(const Body& body, const RunningModel& running, LeapModel jump, const plan::StepLength<double>& length,
+CourseRunner::CourseRunner(const Body& body, const RunningModel& running, OfKinds<ManoeuvreModel> clearing, const plan::StepLength<double>& length,
                            const CourseSettings& settings)
-    : body_(body), running_(running), settings_(settings), jump_(std::move(jump)), planner_([&] {
+    : body_(body), running_(running), settings_(settings), clearing_(std::move(clearing)), planner_([&] {
         plan::StepPlanner<double>::Parameters p;
         p.length = length;
         p.distance_weight = 4;
         p.most_steps = horizon;
         return plan::StepPlanner<double>(p);
       }()),
-      direction_{most_turn, lookahead}, exit_(running({0, body.leap_speed})) {}
+      direction_{most_turn, lookahead}, exit_(running({0, body.wide.table.speed()})) {}
 
 void CourseRunner::decide(Runner& r, const Course& course, double x, double y, double speed_now) {
   control::Composer& c = r.composer;
-  const double cruise = body_.leap_speed;
+  const double cruise = body_.wide.table.speed();
   double speed = cruise;
   // Straight ahead while balance comes back.
   const bool balancing = c.stage() == control::RunStage::trans_out || r.speed < cruise - slower_than_balanced;
   const double turn = balancing ? 0 : direction_.turn(c.player().frame().heading, 0, y);
   if (balancing) speed = control::ExitSpeed{}(speed_now, cruise);
-  if (r.next < static_cast<int>(course.edges.size()) && c.stage() == control::RunStage::run) {
+  if (r.next < static_cast<int>(course.obstacles.size()) && c.stage() == control::RunStage::run) {
     const auto k = static_cast<std::size_t>(r.next);
-    const double rise = course.rises[k], distance = course.edges[k] - x;
-    r.manoeuvre = body_.manoeuvre(jump_(rise), rise, c.side());
-    if (!settings_.feedback) r.manoeuvre.control.head(body_.numbers.laws()).setZero();
+    const CourseObstacle& o = course.obstacles[k];
+    const ObstacleSkill& skill = body_.skill(o.kind);
+    const double distance = o.x - x;
+    r.manoeuvre = skill.manoeuvre(clearing_[index_of(o.kind)](o.height), o.height, c.side());
+    if (!settings_.feedback) {
+      r.manoeuvre.control.head(skill.numbers.laws()).setZero();
+      r.manoeuvre.regulator = nullptr;
+    }
     if (!settings_.recovery) r.manoeuvre.recovery.setZero();
     const plan::Approach<double> approach{r.manoeuvre.distance, r.manoeuvre.speed_in};
     const int steps = planner_.steps(distance, r.speed, approach);
     if (steps <= 0) {
-      c.clear(r.manoeuvre, {0, course.edges[k], y, r.floor});
+      c.clear(r.manoeuvre, {0, o.x, y, r.floor});
       r.clearing = true;
       return;
     }
@@ -154,34 +167,39 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
   const int used = static_cast<int>(courses.size());
   if (used < 1 || used > width) throw Error("course runner: expected 1 to " + std::to_string(width) + " courses");
   const sim::Ground<float> flat;
-  sim::Lanes<Lane> lanes(model, body_.gait.simulation, flat);
+  const auto hands = control::find_hands(model);
+  sim::Extras extras;
+  extras.grips.assign(hands.begin(), hands.end());
+  sim::Lanes<Lane> lanes(model, body_.gait.simulation, flat, extras);
   control::Follower<Lane> follower(model, body_.roles, body_.wide.shape.law, body_.gait.limits);
   std::vector<Runner> runners;
   std::vector<CourseOutcome> out(courses.size());
-  const double tick = body_.gait.tick;
+  const double tick = body_.gait.tick, cruise = body_.wide.table.speed();
   for (int l = 0; l < width; ++l) {
     const auto k = static_cast<std::size_t>(std::min(l, used - 1));
     lanes.set_place(l, sim::Ground<float>(courses[k].ground), nullptr);
-    const auto start = control::RunningStart::make(model, body_.gait, body_.wide.table.speed(), body_.leap_speed, 0.5,
+    const auto start = control::RunningStart::make(model, body_.gait, cruise, cruise, 0.5,
                                                    control::Perturbation{0.15, 0.03}, settings_.seed, 5000, first_number + k);
     control::RunningTrials<Lane>::put(lanes, model, l, start);
     if (l >= used) continue;
-    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, true, 0, 0, 0, 0, body_.leap_speed, false, -1});
+    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, true, 0, 0, 0, 0, cruise, false, -1});
     Runner& r = runners.back();
     const core::Vector3<double>& origin = body_.wide.table.start_center();
     r.composer.set_exit(exit_);
-    r.composer.start(exit_, body_.leap_speed, {0, origin.x, origin.y, 0}, 0);
-    r.composer.step(exit_, body_.leap_speed, 0);
-    out[k].obstacles = static_cast<int>(courses[k].edges.size());
+    r.composer.start(exit_, cruise, {0, origin.x, origin.y, 0}, 0);
+    r.composer.step(exit_, cruise, 0);
+    out[k].obstacles = static_cast<int>(courses[k].obstacles.size());
   }
   lanes.refresh();
   int living = used;
   const auto x_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.x, l)); };
   const auto y_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.y, l)); };
+  std::array<Lane, control::full_sensors> ds;
+  control::TrackingRegulator::Scratch scratch = control::TrackingRegulator::scratch(model);
   const auto speed_of = [&](int l) { return core::lane_of(lanes.work().linear_momentum.x, l) / model.total_mass; };
   const auto tell = [&](double seconds) {
     const Runner& r = runners[0];
-    if (watch) watch({seconds, x_of(0), speed_of(0), r.composer.stage(), r.clearing ? "jump" : "running", r.next, out[0].obstacles});
+    if (watch) watch({seconds, x_of(0), speed_of(0), r.composer.stage(), r.clearing ? name_of(courses[0].obstacles[static_cast<std::size_t>(r.next)].kind) : "running", r.next, out[0].obstacles});
   };
   tell(0);
   for (int n = 0; living > 0; ++n) {
@@ -204,11 +222,12 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
         decide(r, course, x_of(l), y_of(l), speed_of(l));
         if (arrivals && r.alive && r.clearing && !was_clearing)
           arrivals->push_back(arrival(model, body_.roles, lanes, l, before, side,
-                                      r.manoeuvre.distance - (course.edges[static_cast<std::size_t>(r.next)] - x_of(l))));
+                                      r.manoeuvre.distance - (course.obstacles[static_cast<std::size_t>(r.next)].x - x_of(l))));
       }
       follower.set(l, r.composer.player());
     }
-    follower.act(lanes);
+    follower.act(lanes, ds.data());
+    for (int l = 0; l < used; ++l) control::regulate(lanes, l, runners[static_cast<std::size_t>(l)].composer, scratch);
     lanes.step(body_.gait.steps_per_tick);
     for (int l = 0; l < used; ++l) {
       const auto k = static_cast<std::size_t>(l);
@@ -216,13 +235,17 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
       if (!r.alive) continue;
       CourseOutcome& o = out[k];
       const Course& course = courses[k];
+      control::hold(lanes, model, hands, l, r.composer);
       r.composer.advance(tick, x_of(l), y_of(l));
       r.step_seconds += tick;
       o.seconds = (n + 1) * tick;
       o.distance = x_of(l);
       if (l == 0) tell(o.seconds);
       const double root = core::lane_of(lanes.q()[2], l), up = core::lane_of(lanes.work().bodies[0].rotation.zz, l);
-      const double under = course.height(core::lane_of(lanes.q()[0], l));
+      // Who rolls is as low, and who vaults as near to what is below, as the reference.
+      const bool by_reference = r.clearing && r.manoeuvre.skill != nullptr && course.obstacles[static_cast<std::size_t>(r.next)].kind != Kind::jump;
+      const double under = r.clearing ? course.height(core::lane_of(lanes.q()[0], l)) : r.floor;
+      const bool fallen = by_reference ? control::off_reference(ds, l, 1.15, 0.35) : root < under + 0.5 || up < std::cos(1.15);
       if (recording && l == 0) {
         Eigen::VectorXd q(model.nq);
         for (int i = 0; i < model.nq; ++i) q[i] = core::lane_of(lanes.q()[i], 0);
@@ -237,23 +260,29 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
         r.since = 0;
       }
       // An obstacle counts as cleared when the runner runs on as usual after it.
-      if (!r.clearing && r.composer.stage() == control::RunStage::run && o.cleared < r.next) o.cleared = r.next;
-      const bool lost = lanes.failed(l) || root < under + 0.5 || up < std::cos(1.15);
-      const bool passed = r.next == o.obstacles && o.cleared == o.obstacles && x_of(l) > course.edges.back() + 8;
-      const bool late = o.seconds > 30 + (course.edges.back() + 10) / 2.0;
+      if (!r.clearing && r.composer.stage() == control::RunStage::run && o.cleared < r.next) {
+        ++o.cleared_of[index_of(course.obstacles[static_cast<std::size_t>(r.next - 1)].kind)];
+        o.cleared = r.next;
+      }
+      const bool lost = lanes.failed(l) || fallen;
+      const bool passed = r.next == o.obstacles && o.cleared == o.obstacles && x_of(l) > course.obstacles.back().x + 8;
+      const bool late = o.seconds > 30 + (course.obstacles.back().x + 10) / 2.0;
       if (!(lost || passed || late)) continue;
       o.completed = passed;
       if (!passed) {
         const control::RunStage stage = r.composer.stage();
+        const bool after = stage == control::RunStage::trans_out && r.next > 0;
+        const CourseObstacle& at = course.obstacles[static_cast<std::size_t>(after ? r.next - 1 : std::min(r.next, o.obstacles - 1))];
+        const std::string what = name_of(at.kind);
         o.failure = late ? "did not get there"
                     : lanes.failed(l) ? "simulation failed"
-                    : stage == control::RunStage::trans_in ? "fell in the step before a leap"
-                    : stage == control::RunStage::clear ? "fell in a leap"
-                    : stage == control::RunStage::trans_out ? "fell after a leap"
+                    : stage == control::RunStage::trans_in ? "fell in the step before a " + what
+                    : stage == control::RunStage::clear ? "fell in a " + what
+                    : stage == control::RunStage::trans_out ? "fell after a " + what
                     : "fell while running";
-        o.steps_since_leap = r.since;
-        o.failed_rise = course.rises[static_cast<std::size_t>(std::min(r.next, o.obstacles - 1))];
-        if (stage == control::RunStage::trans_out && r.next > 0) o.failed_rise = course.rises[static_cast<std::size_t>(r.next - 1)];
+        o.steps_since = r.since;
+        o.failed_at = at.kind;
+        o.failed_height = at.height;
       }
       r.alive = false;
       --living;

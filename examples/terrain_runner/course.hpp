@@ -11,10 +11,16 @@
 
 namespace terrain_runner {
 
-/// Steps up across the way of a runner that starts at x = 0 and runs along +x.
+/// Something across the way of a runner.
+struct CourseObstacle {
+  Kind kind{};
+  double x = 0;       ///< where it begins, m
+  double height = 0;  ///< m
+};
+
+/// Obstacles across the way of a runner that starts at x = 0 and runs along +x.
 struct Course {
-  std::vector<double> edges;  ///< m
-  std::vector<double> rises;  ///< m
+  std::vector<CourseObstacle> obstacles;
   traceur::terrain::HeightGrid ground;
 
   double height(double x) const;
@@ -22,16 +28,20 @@ struct Course {
 
 struct CourseShape {
   int obstacles = 10;
-  double lowest = 0.1, highest = 0.3;        ///< rises, m
-  double nearest = 15, farthest = 30;        ///< between edges, and before the first, m
+  std::vector<Kind> kinds{Kind::jump};         ///< what there is
+  OfKinds<std::array<double, 2>> heights{{{0.1, 0.3}, {0.6, 0.8}}};  ///< lowest and highest, m
+  double nearest = 15, farthest = 30;        ///< between obstacles, and before the first, m
+  double depth = 0.4;                          ///< of boxes along the way, m
 };
 
+/// The ground that obstacles make; `depth` is that of boxes, m. They are in the order of their places, multiples of 0.2 m.
+Course course_of(std::vector<CourseObstacle> obstacles, double depth = 0.4);
 Course random_course(const CourseShape& shape, std::uint64_t seed, std::uint64_t number);
 
 /// What of the system is used; all of it, unless an ablation asks for less.
 struct CourseSettings {
-  bool planner = true;       ///< else the runner keeps its speed and leaps when it is near enough
-  bool feedback = true;      ///< else leaps are done with no law at all
+  bool planner = true;       ///< else the runner keeps its speed and begins a manoeuvre when it is near enough
+  bool feedback = true;      ///< else manoeuvres are done with no law at all
   bool recovery = true;      ///< else transOut is running as usual
   control::Composer::Settings composition;
   std::uint64_t seed = 1;
@@ -43,12 +53,14 @@ struct CourseOutcome {
   bool completed = false;
   double seconds = 0, distance = 0;
   std::string failure;       ///< in words; empty if there was none
-  double failed_rise = 0;    ///< of the step at which it failed, m
-  int steps_since_leap = -1; ///< running steps begun since the last leap when it failed; -1: there was none
+  Kind failed_at{};          ///< the obstacle at which it failed, and its height, m
+  double failed_height = 0;
+  int steps_since = -1;      ///< running steps begun since the last obstacle when it failed; -1: there was none
+  OfKinds<int> cleared_of{}; ///< obstacles cleared, by kind
 };
 
-/// The numbers of a leap (LeapNumbers) onto a step of some height, m.
-using LeapModel = std::function<Eigen::VectorXd(double height)>;
+/// The numbers of a manoeuvre (ManoeuvreNumbers) at an obstacle of some height, m.
+using ManoeuvreModel = std::function<Eigen::VectorXd(double height)>;
 
 /// Where a runner is.
 struct CourseMoment {
@@ -64,19 +76,19 @@ struct CourseRecording {
   std::vector<control::RunStage> stages;
 };
 
-/// The leaps that were learned, in between as the continuation has it, or (without `interpolation`) the nearest.
-LeapModel leap_model(const traceur::parameterize::Continuation& jump, bool interpolation = true);
+/// The manoeuvres that were learned, in between as the continuation has it, or (without `interpolation`) the nearest.
+ManoeuvreModel manoeuvre_model(const traceur::parameterize::Continuation& learned, bool interpolation = true);
 
 /// Runs characters over courses of their own, one in each lane: a step-based planner (s6) chooses the speed and turn of every
-/// step and the moment to leap.
+/// step and the moment to jump or vault.
 class CourseRunner {
 public:
   /// All must outlive it.
-  CourseRunner(const Body& body, const RunningModel& running, LeapModel jump, const traceur::plan::StepLength<double>& length,
+  CourseRunner(const Body& body, const RunningModel& running, OfKinds<ManoeuvreModel> clearing, const traceur::plan::StepLength<double>& length,
                const CourseSettings& settings);
 
   /// As many courses as a pack has lanes, or fewer. What lane 0 does is recorded if asked for; to `arrivals` are added the
-  /// states in which leaps begin, as if all began with a step on the left foot.
+  /// states in which manoeuvres begin, as if all began with a step on the left foot.
   std::vector<CourseOutcome> run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording = nullptr,
                                  std::vector<control::RunningState>* arrivals = nullptr);
 
@@ -96,7 +108,7 @@ private:
   const Body& body_;
   const RunningModel& running_;
   CourseSettings settings_;
-  LeapModel jump_;
+  OfKinds<ManoeuvreModel> clearing_;
   traceur::plan::StepPlanner<double> planner_;
   traceur::plan::DirectionTracker<double> direction_;
   Eigen::VectorXd exit_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "leap.hpp"
+#include "gait_clock.hpp"
 
 #include <cmath>
 #include <numbers>
@@ -23,43 +23,14 @@ double bump(double u) {
   return s * s;
 }
 
-/// Poses at any tick of the gait, periods added to the root's place.
-Eigen::VectorXd gait_pose(const sim::Model& model, const control::Controller& run, double tick) {
-  const control::TrackingReference& r = run.reference;
-  const int n = run.ticks();
-  const double p = tick - n * std::floor(tick / n);
-  const int t = std::min(static_cast<int>(p), n - 1);
-  Eigen::VectorXd q(model.nq);
-  body::interpolate(model.character.skeleton, r.poses.col(t).data(), r.poses.col(t + 1).data(), p - t, q.data());
-  return q;
-}
-
-Eigen::VectorXd gait_target(const sim::Model& model, const control::Controller& run, double tick) {
-  const int n = run.ticks();
-  const double p = tick - n * std::floor(tick / n);
-  const int t = std::min(static_cast<int>(p), n - 1);
-  Eigen::VectorXd q(model.nq);
-  body::interpolate(model.character.skeleton, run.targets.col(t).data(), run.targets.col((t + 1) % n).data(), p - t, q.data());
-  return q;
-}
-
 }  // namespace
 
 Leap make_leap(const sim::Model& model, const control::Roles& roles, const control::Controller& run, const GaitEvents& events,
                double height, const LeapShape& shape) {
   const int n = run.ticks();
   const body::Skeleton& sk = model.character.skeleton;
-  int left_step = -1, right_step = -1;
-  for (int t = 0; t < n; ++t) {
-    const int before = run.stance[static_cast<std::size_t>((t + n - 1) % n)], now = run.stance[static_cast<std::size_t>(t)];
-    if (before == 0 && now == 1) left_step = t;
-    if (before == 1 && now == 0) right_step = t;
-  }
-  if (left_step < 0 || right_step < 0) throw Error("leap: expected a gait of two steps");
-  const auto after = [&](int tick, int earlier) { return earlier + (((tick - earlier) % n) + n) % n; };
-  const int right = after(right_step, left_step);
-  const int take_off = after(events.right_take_off, right), landing = after(events.left_landing, take_off);
-  const int end = after(right_step, landing);
+  const GaitClock gait(model, run, events);
+  const int left_step = gait.left_step, right = gait.right_step, take_off = gait.take_off, landing = gait.landing, end = gait.next_right_step;
 
   // The gait's clock, which goes slower in flight.
   const int fly_at = take_off - left_step, land_at = fly_at + shape.flight_ticks, last = land_at + end - landing,
@@ -69,9 +40,6 @@ Leap make_leap(const sim::Model& model, const control::Roles& roles, const contr
     if (t >= land_at) return landing + (t - land_at);
     return take_off + (t - fly_at) * (landing - take_off) / shape.flight_ticks;
   };
-  const double period_travel = run.reference.poses(0, n) - run.reference.poses(0, 0);
-  const double gait_speed = period_travel / (n * run.tick);
-
   struct Bend {
     double right_hip, left_hip, right_knee, left_knee;
   };
@@ -108,15 +76,14 @@ Leap make_leap(const sim::Model& model, const control::Roles& roles, const contr
   Eigen::MatrixXd poses(model.nq, ticks + 1);
   for (int t = 0; t <= ticks; ++t) {
     const double g = clock(t);
-    Eigen::VectorXd q = gait_pose(model, run, g);
+    Eigen::VectorXd q = gait.pose(g);
     // What the root sways about its mean path stays; the path is at the leap's own speed.
-    const double mean_x = run.reference.poses(0, 0) + gait_speed * run.tick * (g - n * std::floor(g / n));
-    q[0] = shape.speed * run.tick * t + (q[0] - mean_x);
+    q[0] += shape.speed * run.tick * t;
     bent(q, bend(t));
     poses.col(t) = q;
     if (t == ticks) continue;
     const auto k = static_cast<std::size_t>(t);
-    Eigen::VectorXd target = gait_target(model, run, g);
+    Eigen::VectorXd target = gait.target(g);
     bent(target, bend(t + shape.lead_s / run.tick));
     c.targets.col(t) = target;
     const int tick = static_cast<int>(std::floor(g)) % n;
@@ -160,8 +127,7 @@ Leap make_leap(const sim::Model& model, const control::Roles& roles, const contr
   return leap;
 }
 
-Leap mirrored(const sim::Model& model, const control::Roles& roles, Leap leap) {
-  control::Controller& c = leap.controller;
+control::Controller mirrored(const sim::Model& model, const control::Roles& roles, control::Controller c) {
   const auto mirror_poses = [&](Eigen::MatrixXd& poses) {
     for (Eigen::Index t = 0; t < poses.cols(); ++t) poses.col(t) = control::mirrored_pose(model, roles, poses.col(t));
   };
@@ -173,7 +139,7 @@ Leap mirrored(const sim::Model& model, const control::Roles& roles, Leap leap) {
   for (auto& side : c.stance) side = 1 - side;
   c.start_pose = c.reference.poses.col(0);
   c.start_velocity = c.reference.velocities.col(0);
-  return leap;
+  return c;
 }
 
 }  // namespace terrain_runner

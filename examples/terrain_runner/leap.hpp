@@ -43,6 +43,6 @@ Leap make_leap(const traceur::sim::Model& model, const traceur::control::Roles& 
 
 /// The leap in the mirror, which begins with a step on the other foot. Laws and offsets are seen from the stance foot, so
 /// the same numbers do for both.
-Leap mirrored(const traceur::sim::Model& model, const traceur::control::Roles& roles, Leap leap);
+traceur::control::Controller mirrored(const traceur::sim::Model& model, const traceur::control::Roles& roles, traceur::control::Controller leap);
 
 }  // namespace terrain_runner

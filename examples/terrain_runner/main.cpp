@@ -2,13 +2,13 @@
 //
 // A simulated character runs over terrain (Liu, Yin, van de Panne and Guo 2012, "Terrain Runner").
 //
-//   train:  gait ── running ───────────── jump ──────────────────── skills
-//           (law,   (controls over        (transIn, clear and
-//           Eq. 8)  speed and turn, by    transOut, over heights,
-//                   continuation + RBF)   Eq. 10)
+//   train:  gait ── running ─────────┬── jump (authored) ───────────────┬─ skills
+//           (law,   (controls over   │   transIn, clear and transOut    │
+//           Eq. 8)  speed and turn,  └── vault (keys ── sampling ───────┘
+//                   continuation)        ── regulator), both over heights
 //
-//   run:    at every step  planner ─ speed, turn ─ RBF ─ control ─┐
-//                             └─── leap now ─────── RBF ─ control ─┴ composition ─ laws ─ motors
+//   run:    at every step  planner ─ speed, turn ─ RBF ─ control ──┐
+//                             └─── jump, vault now ─ RBF ─ control ─┴ composition ─ laws, regulator ─ motors
 //
 // Figure 2 of the paper, and s6. The gait is a running controller, learned from one clip by `perform`.
 #include <cstdio>
@@ -83,16 +83,29 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
   skills.measured = Measured{length, trainer.watch(skills.gait, *skills.running)};
   write_measured(o.out, *skills.measured);
   const double tested_s = clock.seconds();
-  Player player(model, roles, skills);
-  skills.jump = trainer.learn_jump(player.running, player.body, length, std::move(skills.jump));
-  report["jump"] = Json{{"evaluations", skills.jump->evaluations()}, {"heights", Json::array()}};
-  for (const JumpResult& j : trainer.test_jump(player.running, player.body, leap_model(*skills.jump), length, effort.heights, o.quick ? 16 : 128)) {
-    report["jump"]["heights"].push_back({{"height_m", j.height}, {"trials", j.trials}, {"survived", j.survived}, {"cleared", j.cleared}, {"exit_speed_m_s", j.exit_speed}});
-    std::printf("jump %.2f m: %d of %d\n", j.height, j.cleared, j.trials);
+  Json walls = Json::object();
+  for (const Kind kind : kinds) {
+    if (!o.kinds.empty() && std::find(o.kinds.begin(), o.kinds.end(), kind) == o.kinds.end()) continue;
+    const std::size_t k = index_of(kind);
+    const double begun_s = clock.seconds();
+    if (kind != Kind::jump && !skills.family[k]) {
+      const Player runner(model, roles, skills);
+      skills.family[k] = trainer.sample_family(kind, runner.running, runner.body, skills.measured->events);
+    }
+    const Player player(model, roles, skills);
+    skills.clearing[k] = trainer.learn_clearing(kind, player.running, player.body, length, std::move(skills.clearing[k]));
+    Json& part = report[name_of(kind)] = Json{{"evaluations", skills.clearing[k]->evaluations()}, {"heights", Json::array()}};
+    for (const ClearingResult& j : trainer.test_clearing(kind, player.running, player.body, manoeuvre_model(*skills.clearing[k]), length,
+                                                         effort.kinds[k].heights, o.quick ? 16 : 128)) {
+      part["heights"].push_back({{"height_m", j.height}, {"trials", j.trials}, {"survived", j.survived}, {"cleared", j.cleared}, {"exit_speed_m_s", j.exit_speed}});
+      std::printf("%s %.2f m: %d of %d\n", name_of(kind), j.height, j.cleared, j.trials);
+    }
+    walls[name_of(kind)] = clock.seconds() - begun_s;
   }
   report["wall_gait_s"] = gait_s;
   report["wall_running_s"] = running_s - gait_s;
-  report["wall_jump_s"] = clock.seconds() - tested_s;
+  report["wall_tests_s"] = tested_s - running_s;
+  report["wall_clearing_s"] = walls;
 }
 
 void write_recording(const Options& o, const sim::Model& model, const Course& course, const CourseRecording& r, const CourseOutcome& c,
@@ -101,7 +114,7 @@ void write_recording(const Options& o, const sim::Model& model, const Course& co
   replay.title = "Terrain Runner";
   char text[120];
   std::snprintf(text, sizeof text, "%d of %d, %.0f m in %.1f s", c.cleared, c.obstacles, c.distance, c.seconds);
-  replay.facts = {{"steps cleared", text}, {"seed", std::to_string(o.seed)}, {"failure", c.failure.empty() ? "none" : c.failure}};
+  replay.facts = {{"obstacles cleared", text}, {"seed", std::to_string(o.seed)}, {"failure", c.failure.empty() ? "none" : c.failure}};
   replay.characters = {example::replay_character(model.character)};
   io::ReplayTrack track;
   track.name = "simulated";
@@ -122,7 +135,7 @@ void write_recording(const Options& o, const sim::Model& model, const Course& co
 
 void run(const Options& o, const sim::Model& model, const Player& player, const Skills& skills, Json& report) {
   CourseRunner runner = course_runner(player, skills, o.seed, o.without);
-  const Course course = random_course(course_shape(o), o.seed, 0);
+  const Course course = random_course(course_shape(o, skills), o.seed, 0);
   CourseRecording recording;
   Pace pace(o.live);
   runner.watch = std::ref(pace);
@@ -136,7 +149,7 @@ void run(const Options& o, const sim::Model& model, const Player& player, const 
   report["live"] = o.live;
   report["real_time_factor"] = pace.real_time_factor();
   report["core_time_factor"] = pace.core_time_factor();
-  std::printf("%d of %d steps, %.0f m in %.1f s%s%s\n%.0f times as fast as real time, %.0f by the core's time\n", c.cleared, c.obstacles, c.distance, c.seconds,
+  std::printf("%d of %d obstacles, %.0f m in %.1f s%s%s\n%.0f times as fast as real time, %.0f by the core's time\n", c.cleared, c.obstacles, c.distance, c.seconds,
               c.failure.empty() ? "" : ": ", c.failure.c_str(), pace.real_time_factor(), pace.core_time_factor());
   write_recording(o, model, course, recording, c, skills.gait.tick);
 }
@@ -155,7 +168,6 @@ int carry_out(const Options& o) {
   } else {
     skills = read_skills(o.skills, model, roles);
     if (!skills.running || !skills.measured) throw Error(o.skills.string() + ": expected running.txt and measured.json; train writes them");
-    if (!skills.jump && o.command != Command::plot && o.command != Command::compare) throw Error(o.skills.string() + ": expected jump.txt; train writes it");
   }
   example::check_writable(o.out, o.report);
   constexpr const char* commands[] = {"train", "run", "evaluate", "plot", "compare"};

@@ -33,17 +33,22 @@ std::optional<Options> read_options(int argc, char** argv) {
   for (CLI::App* c : {run, evaluate, plot, compare})
     c->add_option("SKILLS", o.skills, "folder that train wrote (default: the examples' own)")->type_name("DIR");
   for (CLI::App* c : {run, evaluate}) {
-    c->add_option("--obstacles", o.obstacles, "steps of a course (default 2)")->check(CLI::Range(1, 100));
-    c->add_option("--lowest", o.lowest, "lowest step, m (default 0.1)")->check(CLI::Range(0.05, 0.8));
-    c->add_option("--highest", o.highest, "highest step, m (default 0.25)")->check(CLI::Range(0.05, 0.8));
+    c->add_option("--obstacles", o.obstacles, "of a course (default 2)")->check(CLI::Range(1, 100));
+    c->add_option("--jump", o.heights[index_of(Kind::jump)], "lowest and highest step up, m (default 0.1 0.25)")->check(CLI::Range(0.05, 0.8));
+    c->add_option("--vault", o.heights[index_of(Kind::vault)], "lowest and highest box, m (default 0.6 0.8)")->check(CLI::Range(0.3, 1.5));
   }
   evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
   evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, recovery, blending or interpolation")
       ->check(CLI::IsMember({"planner", "feedback", "recovery", "blending", "interpolation"}));
   evaluate->add_flag("--ablations", o.ablations, "the same courses with the whole system and without each part in turn");
-  evaluate->add_flag("--approach", o.approach, "no courses: one step of 0.2 m, started 30 to 100 m before it");
+  evaluate->add_flag("--approach", o.approach, "no courses: one obstacle of default height, started 30 to 100 m before it");
   evaluate->add_option("--trials", o.trials, "of --approach, evenly spaced (default 701, every 0.1 m)")->check(CLI::Range(2, 701));
   run->add_flag("--live", o.live, "no faster than real time, and say where the runner is");
+  std::vector<std::string> names;
+  for (CLI::App* c : {train, run, evaluate})
+    c->add_option("--kinds", names, "obstacles: jump, vault (default: all that the skills are for)")
+        ->delimiter(',')
+        ->check(CLI::IsMember({"jump", "vault"}));
   for (CLI::App* c : {train, run, evaluate, plot, compare}) {
     c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
     c->add_option("--out", o.out, "folder for the results");
@@ -68,7 +73,11 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.ablations && !o.without.empty()) throw traceur::Error("--ablations: it leaves out every part in turn; leave --without out");
   if (o.ablations && o.approach) throw traceur::Error("--ablations: expected without --approach");
   if (!o.approach && evaluate->count("--trials") > 0) throw traceur::Error("--trials: expected with --approach");
-  if (o.highest < o.lowest) throw traceur::Error("--highest: expected no less than --lowest");
+  for (const Kind kind : kinds) {
+    const auto& range = o.heights[index_of(kind)];
+    if (range[1] < range[0]) throw traceur::Error(std::string("--") + name_of(kind) + ": expected the lowest first");
+    if (std::find(names.begin(), names.end(), name_of(kind)) != names.end()) o.kinds.push_back(kind);
+  }
   const fs::path own = absolute_path(example::default_character()).parent_path().parent_path() / "skills";
   if (o.command == Command::train && o.gait.empty()) {
     o.gait = own / "gait.json";

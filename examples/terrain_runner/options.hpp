@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "kinds.hpp"
 
 namespace terrain_runner {
 
@@ -27,7 +30,8 @@ struct Options {
   int courses = 100;    ///< evaluate
   std::int64_t runs = 0;    ///< compare: of each way to explore; 0 for as many as training has
   int obstacles = 2;    ///< of a course
-  double highest = 0.25, lowest = 0.1;  ///< steps, m
+  std::vector<Kind> kinds;  ///< of obstacles
+  OfKinds<std::array<double, 2>> heights{{{0.1, 0.25}, {0.6, 0.8}}};  ///< lowest and highest of each kind, m
   bool live = false;        ///< run: no faster than real time
   bool ablations = false;   ///< evaluate: each part left out in turn
   bool approach = false;    ///< evaluate: one obstacle from many distances,

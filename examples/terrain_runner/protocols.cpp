@@ -8,6 +8,7 @@
 
 #include "../common/lane.hpp"
 #include "../common/progress.hpp"
+#include "traceur/core/error.hpp"
 #include "traceur/core/executor.hpp"
 
 namespace terrain_runner {
@@ -42,6 +43,7 @@ std::vector<CourseOutcome> run_all(const CourseRunner& runner, int count, const 
 struct Tally {
   int courses = 0, completed = 0, met = 0, cleared = 0;
   double seconds = 0;
+  OfKinds<int> cleared_of{}, failed_at{};
   std::map<std::string, int> failures;
   Json falls = Json::array();
 
@@ -54,13 +56,16 @@ struct Tally {
     // Of a course that failed, the steps behind were not met.
     met += c.cleared + (c.completed ? 0 : 1);
     seconds += c.seconds;
+    for (const Kind kind : kinds) cleared_of[index_of(kind)] += c.cleared_of[index_of(kind)];
+    if (!c.completed) ++failed_at[index_of(c.failed_at)];
     if (!c.failure.empty()) {
       ++failures[c.failure];
       falls.push_back({{"course", courses},
                        {"what", c.failure},
                        {"cleared", c.cleared},
-                       {"rise_m", c.failed_rise},
-                       {"steps_since_leap", c.steps_since_leap},
+                       {"at", name_of(c.failed_at)},
+                       {"height_m", c.failed_height},
+                       {"steps_since", c.steps_since},
                        {"distance_m", c.distance}});
     }
     ++courses;
@@ -75,7 +80,7 @@ void evaluate_ablations(const Options& o, const Player& player, const Skills& sk
   const auto tally = [&](const std::string& without) {
     return Tally(run_all(course_runner(player, skills, o.seed, without), o.courses, course, executor));
   };
-  std::printf("%-22s %9s  %15s  %20s\n", "", "completed", "steps cleared", "percent lower");
+  std::printf("%-22s %9s  %15s  %20s\n", "", "completed", "cleared", "percent lower");
   std::printf("%-22s %9s  %15s  %9s  %9s\n", "", "", "of those met", "completed", "cleared");
   Json rows = Json::array();
   const Tally whole = tally("");
@@ -100,16 +105,15 @@ void evaluate_ablations(const Options& o, const Player& player, const Skills& sk
   report["ablations"] = rows;
 }
 
-void evaluate_approach(const Options& o, const Player& player, const Skills& skills, core::ThreadExecutor& executor,
-                       Json& report) {
-  const ObstacleKind& kind = obstacle_kinds[0];
+Json evaluate_approach(const Options& o, const Player& player, const Skills& skills, core::ThreadExecutor& executor, Kind kind) {
+  const double size = obstacle_sizes[index_of(kind)].default_size;
   const auto distance_dm = [&](int i) {
     const double gap = o.trials > 1 ? static_cast<double>(farthest_dm - nearest_dm) / (o.trials - 1) : 0;
     return nearest_dm + static_cast<int>(std::lround(i * gap));
   };
   const auto outcomes = run_all(
       course_runner(player, skills, o.seed, o.without), o.trials,
-      [&](int i) { return one_step(0.1 * distance_dm(i), kind.default_size); }, executor);
+      [&](int i) { return course_of({{kind, 0.1 * distance_dm(i), size}}); }, executor);
   struct Bin {
     int trials = 0, successes = 0;
   };
@@ -123,7 +127,7 @@ void evaluate_approach(const Options& o, const Player& player, const Skills& ski
     b.successes += outcomes[static_cast<std::size_t>(i)].completed;
   }
   std::printf("%s of %.2f m, started 30 to 100 m before it: %d of %d trials cleared it and ran on, %.1f %%\n",
-              kind.name, kind.default_size, all.completed, o.trials, 100.0 * all.completed / o.trials);
+              name_of(kind), size, all.completed, o.trials, 100.0 * all.completed / o.trials);
   Json list = Json::array();
   for (std::size_t b = 0; b < bins.size(); ++b) {
     const int from = nearest_dm / 10 + static_cast<int>(b) * bin_dm / 10, to = from + bin_dm / 10;
@@ -131,7 +135,7 @@ void evaluate_approach(const Options& o, const Player& player, const Skills& ski
     list.push_back({{"from_m", from}, {"to_m", to}, {"trials", bins[b].trials}, {"successes", bins[b].successes}});
   }
   for (const auto& [what, count] : all.failures) std::printf("  %s: %d\n", what.c_str(), count);
-  report["approach"] = {{"skill", kind.name},         {"size_m", kind.default_size},
+  return {{"skill", name_of(kind)},         {"size_m", size},
                         {"without", o.without},       {"trials", o.trials},
                         {"successes", all.completed}, {"share", static_cast<double>(all.completed) / o.trials},
                         {"by_distance", list},        {"failures", all.failures}};
@@ -141,8 +145,9 @@ void evaluate_approach(const Options& o, const Player& player, const Skills& ski
 
 Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills)
     : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
-  body.leap_speed = body.narrow.table.speed();
   body.add_leap(skills.measured->events);
+  for (const Kind kind : kinds)
+    if (skills.family[index_of(kind)]) body.add_family(kind, *skills.family[index_of(kind)]);
 }
 
 CourseRunner course_runner(const Player& player, const Skills& skills, std::uint64_t seed, const std::string& without) {
@@ -152,34 +157,39 @@ CourseRunner course_runner(const Player& player, const Skills& skills, std::uint
   s.feedback = without != "feedback";
   s.recovery = without != "recovery";
   s.composition.blend = without != "blending";
-  return {player.body, player.running, leap_model(*skills.jump, without != "interpolation"), skills.measured->length,
-          s};
+  OfKinds<ManoeuvreModel> models;
+  for (const Kind kind : kinds)
+    if (skills.clearing[index_of(kind)]) models[index_of(kind)] = manoeuvre_model(*skills.clearing[index_of(kind)], without != "interpolation");
+  return {player.body, player.running, models, skills.measured->length, s};
 }
 
-CourseShape course_shape(const Options& o) {
+std::vector<Kind> obstacle_kinds(const Options& o, const Skills& skills) {
+  std::vector<Kind> known;
+  for (const Kind kind : kinds) {
+    const bool asked = std::find(o.kinds.begin(), o.kinds.end(), kind) != o.kinds.end();
+    if (skills.clearing[index_of(kind)] && (o.kinds.empty() || asked)) known.push_back(kind);
+    if (asked && !skills.clearing[index_of(kind)]) throw Error(o.skills.string() + ": expected " + name_of(kind) + ".txt; train writes it");
+  }
+  if (known.empty()) throw Error(o.skills.string() + ": expected jump.txt or vault.txt; train writes them");
+  return known;
+}
+
+CourseShape course_shape(const Options& o, const Skills& skills) {
   CourseShape shape;
   shape.obstacles = o.obstacles;
-  shape.lowest = o.lowest;
-  shape.highest = o.highest;
+  shape.kinds = obstacle_kinds(o, skills);
+  shape.heights = o.heights;
   return shape;
-}
-
-Course one_step(double distance, double rise) {
-  // Cells are such that one begins at the edge.
-  constexpr double cell = 0.5, before = 10, behind = 20;
-  const int low = static_cast<int>(std::ceil((distance + before) / cell)), all = low + static_cast<int>(behind / cell);
-  Eigen::MatrixXd heights = Eigen::MatrixXd::Zero(all, 1);
-  heights.bottomRows(all - low).setConstant(rise);
-  return {{distance}, {rise}, terrain::HeightGrid(heights, cell, distance - low * cell, 0)};
 }
 
 void evaluate(const Options& o, const Player& player, const Skills& skills, Json& report) {
   core::ThreadExecutor executor(o.threads);
   if (o.approach) {
-    evaluate_approach(o, player, skills, executor, report);
+    report["approach"] = Json::array();
+    for (const Kind kind : obstacle_kinds(o, skills)) report["approach"].push_back(evaluate_approach(o, player, skills, executor, kind));
     return;
   }
-  const CourseShape shape = course_shape(o);
+  const CourseShape shape = course_shape(o, skills);
   const auto course = [&](int i) { return random_course(shape, o.seed, static_cast<std::uint64_t>(i)); };
   if (o.ablations) {
     evaluate_ablations(o, player, skills, course, executor, report);
@@ -190,11 +200,15 @@ void evaluate(const Options& o, const Player& player, const Skills& skills, Json
   report["completed"] = t.completed;
   report["obstacles_met"] = t.met;
   report["obstacles_cleared"] = t.cleared;
+  for (const Kind kind : shape.kinds)
+    report["by_kind"][name_of(kind)] = {{"cleared", t.cleared_of[index_of(kind)]}, {"met", t.cleared_of[index_of(kind)] + t.failed_at[index_of(kind)]}};
   report["failures"] = t.failures;
   report["failed"] = t.falls;
   report["without"] = o.without;
   report["simulated_s"] = t.seconds;
-  std::printf("%d of %d courses completed, %d of %d steps cleared\n", t.completed, t.courses, t.cleared, t.met);
+  std::printf("%d of %d courses completed, %d of %d obstacles cleared\n", t.completed, t.courses, t.cleared, t.met);
+  for (const Kind kind : shape.kinds)
+    std::printf("  %s: %d of %d\n", name_of(kind), t.cleared_of[index_of(kind)], t.cleared_of[index_of(kind)] + t.failed_at[index_of(kind)]);
   for (const auto& [what, count] : t.failures) std::printf("  %s: %d\n", what.c_str(), count);
 }
 

@@ -13,13 +13,12 @@
 
 namespace terrain_runner {
 
-/// A kind of obstacle. The skill that clears it is the continuation `name`.txt in the folder of skills.
-struct ObstacleKind {
-  const char* name;
-  const char* size;     ///< what its skill is learned over, in words and units
-  double default_size;  ///< m
+/// What sizes of each kind of obstacle are, in words and units, and the default, m.
+struct ObstacleSize {
+  const char* size;
+  double default_size;
 };
-inline constexpr std::array obstacle_kinds{ObstacleKind{"jump", "height of the step, m", 0.2}};
+inline constexpr OfKinds<ObstacleSize> obstacle_sizes{{{"height of the step, m", 0.2}, {"height of the box, m", 0.7}}};
 
 /// The parts that can be left out.
 inline constexpr std::array parts{"planner", "feedback", "recovery", "blending", "interpolation"};
@@ -36,13 +35,12 @@ struct Player {
 /// Runs one course after the other or a pack of them; `without`: one of `parts`, or empty. The player must outlive it.
 CourseRunner course_runner(const Player& player, const Skills& skills, std::uint64_t seed, const std::string& without);
 
-CourseShape course_shape(const Options& o);
-
-/// A course of one step of height `rise` (m), `distance` (m) from the start.
-Course one_step(double distance, double rise);
+/// The kinds of obstacles that were asked for, or else all that the skills are for. Throws traceur::Error where one is missing.
+std::vector<Kind> obstacle_kinds(const Options& o, const Skills& skills);
+CourseShape course_shape(const Options& o, const Skills& skills);
 
 /// Carries out `evaluate`: many courses; with `ablations` the same courses without each part, too; with `approach` one
-/// obstacle from many distances. Prints what it finds and adds it to the report. Throws example::Interrupted.
+/// obstacle of each kind from many distances. Prints what it finds and adds it to the report. Throws example::Interrupted.
 void evaluate(const Options& o, const Player& player, const Skills& skills, nlohmann::ordered_json& report);
 
 }  // namespace terrain_runner

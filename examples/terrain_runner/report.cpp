@@ -102,27 +102,27 @@ std::string step_lengths(const std::vector<NodeResult>& nodes, const plan::StepL
 }
 
 /// One obstacle's skill.
-struct ObstacleSkill {
-  const ObstacleKind* kind;
+struct Found {
+  Kind kind;
   Continuation found;
 };
 
-std::vector<ObstacleSkill> obstacle_skills(const fs::path& folder) {
-  std::vector<ObstacleSkill> out;
-  for (const ObstacleKind& kind : obstacle_kinds)
-    if (auto c = read_stage(folder, kind.name)) out.push_back({&kind, std::move(*c)});
+std::vector<Found> obstacle_skills(const fs::path& folder) {
+  std::vector<Found> out;
+  for (const Kind kind : kinds)
+    if (auto c = read_stage(folder, name_of(kind))) out.push_back({kind, std::move(*c)});
   return out;
 }
 
-std::string obstacle_range(const std::vector<ObstacleSkill>& skills) {
+std::string obstacle_range(const std::vector<Found>& skills) {
   std::vector<const Continuation*> all;
   Axes axes{"size of the obstacle, m", ""};
   for (std::size_t k = 0; k < skills.size(); ++k) {
     all.push_back(&skills[k].found);
-    axes.y_names.push_back(skills[k].kind->name);
+    axes.y_names.push_back(name_of(skills[k].kind));
     axes.y_ticks.push_back(static_cast<double>(k));
   }
-  if (skills.size() == 1) axes.x_label = skills[0].kind->size;
+  if (skills.size() == 1) axes.x_label = obstacle_sizes[index_of(skills[0].kind)].size;
   return example::chart("Obstacles: nodes, and which round tried them last", axes,
                         nodes_by_status(all, true, [](const Continuation& c, std::size_t k, int n) {
                           return std::pair{c.parameter(n)[0], static_cast<double>(k)};
@@ -130,14 +130,14 @@ std::string obstacle_range(const std::vector<ObstacleSkill>& skills) {
 }
 
 /// Shares of trials that train's report tells of, for each skill that it tells of.
-std::vector<Series> success_shares(const fs::path& path, const std::vector<ObstacleSkill>& skills) {
+std::vector<Series> success_shares(const fs::path& path, const std::vector<Found>& skills) {
   std::vector<Series> out;
   if (!fs::exists(path)) return out;
   std::ifstream in(path);
   const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
   if (!json.is_object()) throw Error(path.string() + ": expected a report of train, in JSON");
-  for (const ObstacleSkill& s : skills) {
-    const char* name = s.kind->name;
+  for (const Found& s : skills) {
+    const char* name = name_of(s.kind);
     if (!json.contains(name)) continue;
     const std::string where = path.string() + ": field '" + name + "'";
     const io::detail::FieldReader fields(json[name], where);
@@ -185,7 +185,7 @@ void write_skill_report(const Options& o, const sim::Model& model, const control
                                  step_lengths(nodes, line, residual)};
   const plan::StepLength<double> fresh = trainer.step_length(nodes);
   std::vector<std::pair<std::string, std::string>> facts{{"running", counts(running)}};
-  for (const ObstacleSkill& s : obstacles) facts.push_back({s.kind->name, counts(s.found)});
+  for (const Found& s : obstacles) facts.push_back({name_of(s.kind), counts(s.found)});
   facts.push_back({"step length planned with", rounded(line.slope, 3) + " v + " + rounded(line.offset, 3) + " m"});
   facts.push_back({"fitted to these runs", rounded(fresh.slope, 3) + " v + " + rounded(fresh.offset, 3) + " m"});
   facts.push_back({"off the planner's line, r.m.s.", rounded(residual, 3) + " m"});

@@ -51,7 +51,11 @@ Skills read_skills(const fs::path& folder, const sim::Model& model, const contro
   Skills s;
   s.gait = io::read_controller(folder / "gait.json", model, roles);
   s.running = read_stage(folder, "running");
-  s.jump = read_stage(folder, "jump");
+  for (const Kind kind : kinds) {
+    s.clearing[index_of(kind)] = read_stage(folder, name_of(kind));
+    const fs::path motions = folder / (std::string(name_of(kind)) + ".safetensors");
+    if (fs::exists(motions)) s.family[index_of(kind)] = read_family(motions, model);
+  }
   s.measured = read_measured(folder / "measured.json", s.gait.ticks());
   return s;
 }
@@ -86,7 +90,7 @@ Eigen::VectorXd RunningModel::operator()(const control::RunningTask& task) const
   return control::widened(narrow_, wide_, c);
 }
 
-Eigen::VectorXd LeapNumbers::first(const Eigen::VectorXd& c) const {
+Eigen::VectorXd ManoeuvreNumbers::first(const Eigen::VectorXd& c) const {
   Eigen::VectorXd x = Eigen::VectorXd::Zero(size());
   const int law = shape.law.phase_size(), m = shape.actions();
   for (int p = 0; p < shape.law.phases; ++p) x.segment(p * law, law) = c.head(law);
@@ -95,50 +99,102 @@ Eigen::VectorXd LeapNumbers::first(const Eigen::VectorXd& c) const {
   return x;
 }
 
-control::Manoeuvre Body::manoeuvre(const Eigen::VectorXd& x, double height, int side) const {
-  const control::Skill& skill = leap[static_cast<std::size_t>(side)];
-  const control::AffineShape& shape = skill.shape;
+control::Manoeuvre ObstacleSkill::manoeuvre(const Eigen::VectorXd& x, double height, int side) const {
+  const control::Skill& own = skill[static_cast<std::size_t>(side)];
+  const control::AffineShape& shape = own.shape;
   const int kept = numbers.laws() + numbers.offsets();
   control::Manoeuvre m;
-  m.skill = &skill;
+  m.skill = &own;
   m.control.resize(shape.size());
   m.control.head(kept) = x.head(kept);
-  // The leap's table is over the step's height, which takes the amplitude's place.
+  // The table is over the obstacle's height, which takes the amplitude's place.
   m.control[shape.alpha()] = height;
   m.control[shape.beta()] = std::clamp(x[numbers.beta()], 0.6, 1.5);
-  m.distance = leap_distance + x[numbers.distance()];
-  m.speed_in = m.speed_out = leap_speed;
-  m.rise = height;
-  m.end = leap_end;
+  m.distance = distance + x[numbers.distance()];
+  m.speed_in = speed;
+  m.speed_out = speed_out;
+  m.rise = hurdle(height).rise;
+  m.end = end;
+  // A sampled motion begins with running as it is.
+  m.blend_in = kind == Kind::jump;
+  m.regulator = regulator.get();
+  m.size = height;
+  m.in_mirror = side == 0;
+  if (hold_to > hold_from) {
+    // The hand on the side of the foot that takes off.
+    m.hand = side == 1 ? 0 : 1;
+    m.hold_from = hold_from;
+    m.hold_to = hold_to;
+  }
   m.recovery = Eigen::VectorXd::Zero(numbers.running.size());
   m.recovery.head(numbers.recoveries()) = x.segment(numbers.recovery(), numbers.recoveries());
   return m;
+}
+
+control::Hurdle ObstacleSkill::hurdle(double height) const { return hurdle_of(kind, height, depth); }
+
+control::Hurdle hurdle_of(Kind kind, double height, double depth) {
+  if (kind == Kind::vault) return control::Hurdle::box(height, depth);
+  return control::Hurdle::step(height);
+}
+
+sim::Ground<float> ground_of(const control::Hurdle& hurdle) {
+  constexpr int cells = 150;
+  constexpr double cell = 0.2;
+  Eigen::MatrixXd h(cells, 1);
+  for (int i = 0; i < cells; ++i) h(i, 0) = hurdle.floor(cell * (i - cells / 2 + 0.5));
+  return terrain::HeightGrid(h, cell, -cell * cells / 2, 0);
 }
 
 Body::Body(const sim::Model& m, const control::Roles& r, const control::Controller& g) : model(&m), roles(r), gait(g) {
   const control::MotionTable table(m, r, g, gait_amplitudes);
   narrow = {table, {g.shape, 2}, g.limits};
   wide = {table, {{common_sets, g.shape.rank, 1}, 2}, g.limits};
-  leap.fill({{}, {{common_sets, g.shape.rank, 2}, leap_parts}, g.limits});
-  numbers = {leap[0].shape, wide.shape};
+  for (const Kind kind : kinds) skills[index_of(kind)].kind = kind;
+}
+
+void Body::add(Kind kind, const std::array<std::vector<control::Controller>, 2>& motions, const std::vector<double>& heights,
+               const std::vector<int>& parts, int laws, int offsets) {
+  ObstacleSkill& s = skills[index_of(kind)];
+  s.skill.fill({{}, {{common_sets, gait.shape.rank, laws}, offsets}, gait.limits});
+  for (std::size_t side = 0; side < 2; ++side) {
+    s.skill[side].table = control::MotionTable(*model, roles, motions[side], heights);
+    s.skill[side].table.divide(parts);
+  }
+  s.numbers = {s.skill[0].shape, wide.shape};
+  s.speed = s.speed_out = wide.table.speed();
 }
 
 void Body::add_leap(const GaitEvents& events) {
-  std::array<std::vector<control::Controller>, 2> family;
+  std::array<std::vector<control::Controller>, 2> motions;
   LeapShape shape;
-  shape.speed = leap_speed;
+  shape.speed = wide.table.speed();
   Leap last;
   for (const double h : leap_heights) {
     last = make_leap(*model, roles, gait, events, h, shape);
-    family[0].push_back(mirrored(*model, roles, last).controller);
-    family[1].push_back(last.controller);
+    motions[0].push_back(mirrored(*model, roles, last.controller));
+    motions[1].push_back(last.controller);
   }
-  for (std::size_t side = 0; side < 2; ++side) {
-    leap[side].table = control::MotionTable(*model, roles, family[side], leap_heights);
-    leap[side].table.divide(last.parts);
+  add(Kind::jump, motions, leap_heights, last.parts, 2, leap_parts);
+  ObstacleSkill& s = skills[index_of(Kind::jump)];
+  s.distance = last.distance;
+  s.end = last.end;
+}
+
+void Body::add_family(Kind kind, const MotionFamily& family) {
+  std::array<std::vector<control::Controller>, 2> motions;
+  for (std::size_t k = 0; k < family.heights.size(); ++k) {
+    motions[1].push_back(family.controller(*model, roles, gait, k));
+    motions[0].push_back(mirrored(*model, roles, motions[1].back()));
   }
-  leap_distance = last.distance;
-  leap_end = last.end;
+  add(kind, motions, family.heights, family.parts, family.laws(), family.offsets());
+  ObstacleSkill& s = skills[index_of(kind)];
+  s.distance = -motions[1].front().reference.center_of_mass(0, 0);
+  s.end = family.end;
+  s.hold_from = family.hold_from;
+  s.hold_to = family.hold_to;
+  s.depth = family.depth;
+  s.regulator = std::make_shared<control::TrackingRegulator>(make_regulator(*model, roles, gait, kind, family));
 }
 
 }  // namespace terrain_runner

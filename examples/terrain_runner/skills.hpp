@@ -3,10 +3,13 @@
 
 #include <array>
 #include <filesystem>
+#include <memory>
 #include <optional>
 
+#include "kinds.hpp"
 #include "leap.hpp"
-#include "traceur/control/composition.hpp"
+#include "motion_family.hpp"
+#include "traceur/control/clearing.hpp"
 #include "traceur/parameterize/continuation.hpp"
 #include "traceur/plan/step_planner.hpp"
 
@@ -26,21 +29,24 @@ struct Measured {
 
 /// What a runner can do, as far as it has been learned: a folder of files, one for each stage.
 ///
-///     gait.json      the gait, simulated: a controller
-///     running.txt    controls over turn (degrees per step) and speed: a continuation, at any point of its work
-///     measured.json  what was measured of running
-///     jump.txt       controls over the height of a step, as running.txt
+///     gait.json           the gait, simulated: a controller
+///     running.txt         controls over turn (degrees per step) and speed: a continuation, at any point of its work
+///     measured.json       what was measured of running
+///     jump.txt            controls over the height of a step, as running.txt; likewise vault.txt
+///     vault.safetensors   the vault as it was simulated without feedback: a family of motions
 struct Skills {
   control::Controller gait;
-  std::optional<traceur::parameterize::Continuation> running, jump;
+  std::optional<traceur::parameterize::Continuation> running;
   std::optional<Measured> measured;
+  OfKinds<std::optional<traceur::parameterize::Continuation>> clearing;
+  OfKinds<std::optional<MotionFamily>> family;  ///< none of the jump, which is authored
 };
 
 /// Reads what is there of a folder. Throws traceur::Error when the gait is missing or a file is not what it should be.
 Skills read_skills(const std::filesystem::path& folder, const sim::Model& model, const control::Roles& roles);
 void write_gait(const std::filesystem::path& folder, const control::Controller& gait);
 void write_measured(const std::filesystem::path& folder, const Measured& m);
-/// `name`: running or jump. Reading gives nothing if there is no such file, and throws traceur::Error when it is not one.
+/// `name`: running or that of a kind. Reading gives nothing if there is no such file, and throws traceur::Error when it is not one.
 std::optional<traceur::parameterize::Continuation> read_stage(const std::filesystem::path& folder, const char* name);
 void write_stage(const std::filesystem::path& folder, const char* name, const traceur::parameterize::Continuation& c);
 
@@ -58,9 +64,9 @@ private:
   control::AffineShape narrow_, wide_;
 };
 
-/// The numbers that are searched for a leap: laws, offsets of all parts, beta, what is added to the leap's distance, and what
+/// The numbers that are searched for a manoeuvre: laws, offsets of all parts, beta, what is added to its distance, and what
 /// is added to running's law and offsets in transOut.
-struct LeapNumbers {
+struct ManoeuvreNumbers {
   control::AffineShape shape, running;
 
   int laws() const { return shape.law.size(); }
@@ -71,9 +77,53 @@ struct LeapNumbers {
   int recoveries() const { return running.alpha(); }
   int size() const { return recovery() + recoveries(); }
 
-  /// Those of the leap that a running control (of the wide shape) does by itself.
+  /// Those of a manoeuvre that a running control (of the wide shape) does by itself.
   Eigen::VectorXd first(const Eigen::VectorXd& control) const;
 };
+
+/// One way to clear obstacles, ready to be played once it has motions.
+struct ObstacleSkill {
+  Kind kind{};
+  /// Over the obstacle's height, beginning on the right and on the left foot.
+  std::array<control::Skill, 2> skill;
+  ManoeuvreNumbers numbers;
+  double distance = 0;   ///< from the centre of mass to the obstacle when it begins, m
+  double speed = 3.5;    ///< when it begins, m/s
+  double speed_out = 3.5;  ///< of running after it, m/s
+  double end = 0;        ///< tick
+  double hold_from = 0, hold_to = 0;  ///< ticks
+  double depth = 0;      ///< m
+  std::shared_ptr<const control::TrackingRegulator> regulator;  ///< of a sampled motion
+
+  bool known() const { return end > 0; }
+  /// The manoeuvre at an obstacle of some height, by the numbers that were found for it. `side`: of the foot it begins on,
+  /// 0 right, 1 left.
+  control::Manoeuvre manoeuvre(const Eigen::VectorXd& found, double height, int side = 1) const;
+  /// What such an obstacle is in the way.
+  control::Hurdle hurdle(double height) const;
+};
+
+/// What an obstacle of a kind is in the way; `depth` is that of boxes, m.
+control::Hurdle hurdle_of(Kind kind, double height, double depth);
+/// Ground with an obstacle at x = 0.
+sim::Ground<float> ground_of(const control::Hurdle& hurdle);
+
+/// Keeps runners on a family's motions, from linearizing the simulator about each.
+control::TrackingRegulator make_regulator(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, Kind kind,
+                                          const MotionFamily& family);
+
+/// Starts from which a regulator is tried: perturbed by up to so much.
+struct RegulatedStarts {
+  int count = 64;
+  double place = 0.1;         ///< m, along the run
+  double velocity = 0.2;      ///< m/s, along each axis
+  double joint_angle = 0.06;  ///< rad
+  std::uint64_t seed = 1;
+};
+
+/// Share of perturbed starts from which a regulator keeps a runner on the k-th motion of a family to its end.
+double regulated_share(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const control::Hurdle& hurdle,
+                       const MotionFamily& family, std::size_t k, const RegulatedStarts& starts = {});
 
 /// Everything that playing the skills needs, made from the gait once.
 struct Body {
@@ -81,18 +131,17 @@ struct Body {
   control::Roles roles;
   control::Controller gait;
   control::Skill narrow, wide;  ///< the gait with the laws it was learned with, and with the common ones
-  /// Over the height of the step, beginning on the right and on the left foot; without a table until `add_leap`.
-  std::array<control::Skill, 2> leap;
-  LeapNumbers numbers;
-  double leap_distance = 0, leap_speed = 3.5, leap_end = 0;  ///< m, m/s, tick
-
-  /// A leap onto a step of some height, by the numbers that were found for it.
-  /// `side`: of the foot it begins on, 0 right, 1 left.
-  control::Manoeuvre manoeuvre(const Eigen::VectorXd& found, double height, int side = 1) const;
+  OfKinds<ObstacleSkill> skills;
 
   Body(const sim::Model& m, const control::Roles& r, const control::Controller& gait);
+  const ObstacleSkill& skill(Kind kind) const { return skills[index_of(kind)]; }
   /// Authors the leap, from where the gait's feet are on the ground.
   void add_leap(const GaitEvents& events);
+  void add_family(Kind kind, const MotionFamily& family);
+
+private:
+  void add(Kind kind, const std::array<std::vector<control::Controller>, 2>& motions, const std::vector<double>& heights,
+           const std::vector<int>& parts, int laws, int offsets);
 };
 
 }  // namespace terrain_runner

@@ -6,7 +6,10 @@
 #include <numeric>
 
 #include "../common/progress.hpp"
+#include "right_hand.hpp"
+#include "traceur/control/hand_grip.hpp"
 #include "traceur/control/resimulate.hpp"
+#include "traceur/control/sampling_control.hpp"
 #include "traceur/core/error.hpp"
 
 namespace terrain_runner {
@@ -70,14 +73,6 @@ control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
 
 }  // namespace
 
-sim::Ground<float> step_ground(double height) {
-  constexpr int cells = 60;
-  constexpr double cell = 0.5;
-  Eigen::MatrixXd h(cells, 1);
-  for (int i = 0; i < cells; ++i) h(i, 0) = i < cells / 2 ? 0 : height;
-  return terrain::HeightGrid(h, cell, -cell * cells / 2, 0);
-}
-
 Effort Effort::of(bool quick, std::uint64_t seed) {
   Effort e;
   e.gait.run.seed = e.running.run.seed = seed;
@@ -100,8 +95,15 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   e.turns = spaced(0, 6, 4);
   e.speeds = spaced(2, 5, 7);
   e.running.starts = 8;
-  // One leap for all of them: between leaps that were found apart there is worse.
-  e.heights = e.round_heights;
+  // One manoeuvre for all of them: between those that were found apart there is worse.
+  ManoeuvreEffort& jump = e.kinds[index_of(Kind::jump)];
+  jump.heights = jump.round_heights = {0.1, 0.15, 0.2, 0.25};
+  ManoeuvreEffort& vault = e.kinds[index_of(Kind::vault)];
+  vault.family_heights = {0.6, 0.65, 0.7, 0.75, 0.8};
+  vault.round_heights = spaced(0.6, 0.8, 8);
+  vault.heights = spaced(0.6, 0.8, 5);
+  vault.first_height = 0.7;
+  vault.rounds = 4;
   e.first_clearing.seed = e.clearing.seed = seed;
   // States of courses are as they are; what is not steady after so many steps falls later.
   e.clearing.place = 0.1;
@@ -115,20 +117,26 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     e.running_evaluations = 2000;
     e.hardest_push = e.running.run.push;
     e.hardest_wander = e.running.run.wander;
-    e.heights = {0.1, 0.15};
-    e.first_height = 0.1;
-    e.round_heights = {0.1};
-    e.first_jump_generations = 80;
-    e.first_jump_share = e.jump_share = 0;
-    e.jump_trials = 16;
-    e.rounds = 1;
+    jump.heights = {0.1, 0.15};
+    jump.first_height = 0.1;
+    jump.round_heights = {0.1};
+    jump.first_generations = 80;
+    vault.family_heights = vault.heights = {0.6, 0.7};
+    vault.round_heights = {0.6};
+    vault.first_height = 0.6;
+    vault.sampling_rounds = 2;
+    vault.plans = 1;
+    vault.first_generations = 10;
+    for (ManoeuvreEffort& k : e.kinds) k.first_share = k.share = 0;
+    e.clearing_trials = 16;
+    for (ManoeuvreEffort& k : e.kinds) k.rounds = 1;
     e.round_generations = e.recovery_generations = 10;
     e.arrival_courses = e.choice_courses = 16;
     e.first_clearing.place = e.first_clearing.velocity = 0.05;
     e.first_clearing.steps_after = 2;
     e.clearing = e.first_clearing;
     e.gait.generations = e.running.generations = 20;
-    e.jump_generations = 20;
+    e.clearing_generations = 20;
     e.max_attempts = 1;
   }
   return e;
@@ -269,16 +277,19 @@ std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen
   return control::running_states(trials, model_, body.wide, {0, speed}, x, e, 32);
 }
 
-Trainer::OnCourses Trainer::run_courses(const RunningModel& running, const Body& body, const LeapModel& jump,
+Trainer::OnCourses Trainer::run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                                         const plan::StepLength<double>& length, int obstacles, int count, std::uint64_t first) {
   constexpr int width = core::lane_count<Lane>;
+  const ManoeuvreEffort& effort = effort_.kinds[index_of(kind)];
   CourseShape shape;
   shape.obstacles = obstacles;
-  shape.lowest = effort_.round_heights.front();
-  shape.highest = effort_.round_heights.back();
+  shape.kinds = {kind};
+  shape.heights[index_of(kind)] = {effort.round_heights.front(), effort.round_heights.back()};
   CourseSettings settings;
   settings.seed = effort_.clearing.seed;
-  const CourseRunner runner(body, running, jump, length, settings);
+  OfKinds<ManoeuvreModel> models;
+  models[index_of(kind)] = manoeuvre;
+  const CourseRunner runner(body, running, models, length, settings);
   std::vector<OnCourses> groups(static_cast<std::size_t>(count / width));
   executor_.run(count / width, [&](int g, int) {
     if (interruption_asked()) return;
@@ -298,36 +309,143 @@ Trainer::OnCourses Trainer::run_courses(const RunningModel& running, const Body&
   return out;
 }
 
-std::vector<control::RunningState> Trainer::arrivals(const RunningModel& running, const Body& body, const LeapModel& jump,
+std::vector<control::RunningState> Trainer::arrivals(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                                                      const plan::StepLength<double>& length, std::uint64_t first) {
-  OnCourses found = run_courses(running, body, jump, length, 4, effort_.arrival_courses, first);
-  if (found.arrivals.empty()) throw Error("jump: no runner gets to a step");
+  OnCourses found = run_courses(kind, running, body, manoeuvre, length, 4, effort_.arrival_courses, first);
+  if (found.arrivals.empty()) throw Error(std::string(name_of(kind)) + ": no runner gets to an obstacle");
   return std::move(found.arrivals);
 }
 
-/// Trials of leaps onto steps of several heights, many at a time.
-class Trainer::LeapTrials {
+MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, const Body& body, const GaitEvents& events) {
+  const ManoeuvreEffort& effort = effort_.kinds[index_of(kind)];
+  const control::Controller& gait = body.gait;
+  // It begins as runners on courses are when they begin it, which is not quite as the gait's own reference is.
+  const double speed = body.wide.table.speed();
+  control::detail::PoseMean poses;
+  Eigen::VectorXd velocity = Eigen::VectorXd::Zero(model_.nv);
+  const auto begins = states(body, running({0, speed}), speed, state_stream);
+  for (const control::RunningState& state : begins) {
+    poses.add(model_, state.pose);
+    velocity += state.velocity / static_cast<double>(begins.size());
+  }
+  const Eigen::VectorXd pose = poses.mean(model_);
+  const GaitClock clock(model_, gait, events);
+  control::SamplingParameters p;
+  p.steps_per_tick = gait.steps_per_tick;
+  p.seed = effort_.clearing.seed;
+  p.rounds = effort.sampling_rounds;
+  // What comes after a landing cannot be searched before there is one.
+  p.horizon = 10;
+  p.stride = 4;
+  control::TrackingCostWeights w;
+  w.center_velocity = 3;
+  w.root_rotation = 10;
+  w.root_angular_velocity = 0.2;
+  const control::TrackingCost cost(model_, roles_, control::tracked_points(model_, roles_), w);
+  MotionFamily f;
+  std::size_t family_size = 0;
+  for (const double h : effort.family_heights) {
+    Authored a = author_vault(model_, roles_, clock, h);
+    control::TrackingReference& r = a.reference;
+    const Eigen::Vector3d center = r.center_of_mass.col(0);
+    r.poses.col(0) = pose;
+    r.poses.col(0).head<2>() += center.head<2>();
+    r.velocities.col(0) = velocity;
+    control::measure_reference(model_, roles_, cost.points(), r);
+    const control::Hurdle hurdle = hurdle_of(kind, h, a.depth);
+    const ClearingAid aid(model_, roles_, hurdle, a.hold_from, a.hold_to);
+    p.targets = a.targets;
+    const auto ground = ground_of(hurdle);
+    const int ticks = a.end + gait.ticks() / 2;
+    const auto first = [&](const std::vector<int>& all) { return std::vector<int>(all.begin(), all.begin() + ticks); };
+    MotionFamily one;
+    one.heights = {h};
+    one.stance = first(a.stance);
+    one.phase = first(a.phase);
+    one.parts = first(a.parts);
+    one.end = a.end;
+    one.regulated = a.regulated;
+    one.hold_from = a.hold_from;
+    one.hold_to = a.hold_to;
+    one.depth = a.depth;
+    // Plans that end alike differ in how well they can be kept to: of some the best is taken.
+    double best = -1;
+    Eigen::MatrixXd offsets;
+    for (int plan = 0; plan < effort.plans && best < effort.good_plan; ++plan) {
+      p.seed = effort_.clearing.seed + static_cast<std::uint64_t>(plan);
+      const control::SampledControl s = control::sample_control<Lane>(
+          model_, gait.simulation, ground, cost, a.reference, p, executor_, [](int, double) { return !interruption_asked(); }, aid);
+      if (interruption_asked()) throw Interrupted{};
+      one.targets = {s.targets.leftCols(ticks)};
+      one.poses = {s.poses.leftCols(ticks + 1)};
+      one.velocities = {s.velocities.leftCols(ticks + 1)};
+      const double share = regulated_share(model_, roles_, gait, hurdle, one, 0);
+      progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts", h, plan + 1, 100 * s.mean_joint_error, 100 * share));
+      if (share <= best) continue;
+      best = share;
+      offsets = s.offsets;
+      if (f.heights.size() < family_size + 1) {
+        f.heights.push_back(h);
+        f.targets.emplace_back();
+        f.poses.emplace_back();
+        f.velocities.emplace_back();
+      }
+      f.targets.back() = one.targets[0];
+      f.poses.back() = one.poses[0];
+      f.velocities.back() = one.velocities[0];
+    }
+    ++family_size;
+    // The next height is sought around this one, or what lies between them would be like neither.
+    p.offsets = offsets;
+    if (family_size == 1) {
+      for (double* sigma : {&p.hip, &p.leg, &p.trunk, &p.head}) *sigma *= 0.25;
+      p.rounds = (p.rounds + 1) / 2;
+      f.stance = one.stance;
+      f.phase = one.phase;
+      f.parts = one.parts;
+      f.end = one.end;
+      f.regulated = one.regulated;
+      f.hold_from = one.hold_from;
+      f.hold_to = one.hold_to;
+      f.depth = one.depth;
+    }
+  }
+  write_family(folder_ / (std::string(name_of(kind)) + ".safetensors"), f);
+  return f;
+}
+
+/// Trials of one way to clear obstacles of several heights, many at a time.
+class Trainer::Trials {
 public:
   static constexpr int width = core::lane_count<Lane>;
-  using Trials = control::ClearingTrials<Lane>;
+  using Clearing = control::ClearingTrials<Lane>;
 
   /// There are 1, 2, 4 or 8 heights (m), for numbers of starts that are multiples of them. All must outlive it.
-  LeapTrials(Trainer& owner, const RunningModel& running, const Body& body, std::vector<double> heights,
-             std::vector<control::RunningState> states, const control::ClearingSettings& trial)
-      : settings(trial), heights_(std::move(heights)), executor_(owner.executor_), states_(std::move(states)), running_(&running),
+  Trials(Trainer& owner, const RunningModel& running, const Body& body, Kind kind, std::vector<double> heights,
+         std::vector<control::RunningState> states, const control::ClearingSettings& trial)
+      : settings(trial), skill_(&body.skill(kind)), heights_(std::move(heights)), executor_(owner.executor_), states_(std::move(states)), running_(&running),
         workers_(static_cast<std::size_t>(executor_.concurrency())) {
-    if (width % heights_.size() != 0) throw Error("jump: expected a number of heights that divides " + std::to_string(width));
-    for (const double h : heights_) grounds_.push_back(step_ground(h));
+    if (width % heights_.size() != 0) throw Error("manoeuvre: expected a number of heights that divides " + std::to_string(width));
+    settings.follow_reference = kind != Kind::jump;
+    settings.uncleared = kind != Kind::jump ? 4 : 0;
+    full_ = settings;
+    for (const double h : heights_) grounds_.push_back(ground_of(skill_->hurdle(h)));
     make_ = [this, &owner, &body] {
       const control::Controller& gait = body.gait;
-      auto t = std::make_unique<Trials>(owner.model_, owner.roles_, gait.simulation, grounds_[0], heights_[0], gait.tick,
-                                        gait.steps_per_tick, body.wide);
-      for (int l = 0; l < width; ++l) t->place(l, grounds_[height_of(l)], heights_[height_of(l)]);
+      auto t = std::make_unique<Clearing>(owner.model_, owner.roles_, gait.simulation, grounds_[0], skill_->hurdle(heights_[0]), gait.tick,
+                                          gait.steps_per_tick, body.wide);
+      for (int l = 0; l < width; ++l) t->place(l, grounds_[height_of(l)], skill_->hurdle(heights_[height_of(l)]));
       return t;
     };
   }
 
+  /// Starts from now on are perturbed by so much (0 to 1) of what they should be.
+  void ease(double difficulty) {
+    settings.place = difficulty * full_.place;
+    settings.velocity = difficulty * full_.velocity;
+  }
   const std::vector<double>& heights() const { return heights_; }
+  const ObstacleSkill& skill() const { return *skill_; }
   /// Starts of `per` of each candidate, numbered from `first`: `manoeuvre(candidate, height)`.
   template <class Of>
   std::vector<control::ClearingOutcome> run(int candidates, int per, std::uint64_t stream, Of&& manoeuvre) {
@@ -352,17 +470,19 @@ public:
 private:
   std::size_t height_of(int lane) const { return static_cast<std::size_t>(lane) % heights_.size(); }
 
+  const ObstacleSkill* skill_;
+  control::ClearingSettings full_;
   std::vector<double> heights_;
   std::vector<sim::Ground<float>> grounds_;
   core::ThreadExecutor& executor_;
   std::vector<control::RunningState> states_;
   const RunningModel* running_;
-  std::function<std::unique_ptr<Trials>()> make_;
-  std::vector<std::unique_ptr<Trials>> workers_;
+  std::function<std::unique_ptr<Clearing>()> make_;
+  std::vector<std::unique_ptr<Clearing>> workers_;
 };
 
 /// What is searched, and how long.
-struct Trainer::LeapSearch {
+struct Trainer::Search {
   Eigen::VectorXd begin;
   double share = 0;          ///< of trials that must do what is asked for
   std::vector<int> free;     ///< which of its numbers
@@ -372,10 +492,10 @@ struct Trainer::LeapSearch {
   std::uint64_t seed = 1;
 };
 
-Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, const LeapSearch& s) {
-  const LeapNumbers& n = body.numbers;
+Trainer::Found Trainer::search(Trials& trials, const Search& s) {
+  const ManoeuvreNumbers& n = trials.skill().numbers;
   const std::vector<double>& heights = trials.heights();
-  const int population = effort_.jump_population;
+  const int population = effort_.clearing_population;
   const auto free = static_cast<Eigen::Index>(s.free.size());
   const auto whole = [&](const Eigen::VectorXd& part) {
     Eigen::VectorXd x = s.begin;
@@ -383,7 +503,7 @@ Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, co
     return x;
   };
   const auto manoeuvres = [&](const Eigen::VectorXd& x, std::vector<control::Manoeuvre>& out) {
-    for (const double h : heights) out.push_back(body.manoeuvre(x, h));
+    for (const double h : heights) out.push_back(trials.skill().manoeuvre(x, h));
   };
   optimize::CmaEsParameters cp;
   cp.population = population;
@@ -403,7 +523,7 @@ Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, co
     begin[i] = s.begin[s.free[static_cast<std::size_t>(i)]];
   }
   optimize::CmaEs cma(begin, cp);
-  LeapFound r;
+  Found r;
   double best = std::numeric_limits<double>::infinity();
   bool done = false;
   const auto consider = [&](const Eigen::VectorXd& x) {
@@ -411,20 +531,19 @@ Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, co
     manoeuvres(x, m);
     double cost = 0;
     int good = 0;
-    for (const auto& o : trials.run(1, effort_.jump_trials, 1, [&](int, int h) -> const control::Manoeuvre& { return m[static_cast<std::size_t>(h)]; })) {
-      cost += o.cost / effort_.jump_trials;
+    for (const auto& o : trials.run(1, effort_.clearing_trials, 1, [&](int, int h) -> const control::Manoeuvre& { return m[static_cast<std::size_t>(h)]; })) {
+      cost += o.cost / effort_.clearing_trials;
       good += o.survived && o.cleared;
     }
-    r.evaluations += effort_.jump_trials;
+    r.evaluations += effort_.clearing_trials;
     if (cost >= best) return;
     best = r.cost = cost;
     r.control = x;
-    r.works = good >= s.share * effort_.jump_trials;
-    r.share = static_cast<double>(good) / effort_.jump_trials;
-    done = good == effort_.jump_trials && cost < effort_.jump_good_cost;
+    r.works = good >= s.share * effort_.clearing_trials;
+    r.share = static_cast<double>(good) / effort_.clearing_trials;
+    done = good == effort_.clearing_trials && cost < effort_.clearing_good_cost;
   };
   consider(s.begin);
-  const control::ClearingSettings all = trials.settings;
   double difficulty = s.difficulty;
   Eigen::VectorXd costs(population);
   std::vector<control::Manoeuvre> m;
@@ -432,12 +551,11 @@ Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, co
     const Eigen::MatrixXd& x = cma.ask();
     m.clear();
     for (int k = 0; k < population; ++k) manoeuvres(whole(x.col(k)), m);
-    trials.settings.place = difficulty * all.place;
-    trials.settings.velocity = difficulty * all.velocity;
+    trials.ease(difficulty);
     const auto out = trials.run(population, s.starts, 1000 + static_cast<std::uint64_t>(g), [&](int k, int h) -> const control::Manoeuvre& {
       return m[static_cast<std::size_t>(k) * heights.size() + static_cast<std::size_t>(h)];
     });
-    trials.settings = all;
+    trials.ease(1);
     costs.setZero();
     int survived = 0;
     for (std::size_t i = 0; i < out.size(); ++i) {
@@ -452,9 +570,12 @@ Trainer::LeapFound Trainer::search_leap(LeapTrials& trials, const Body& body, co
   return r;
 }
 
-Continuation Trainer::learn_jump(const RunningModel& running, const Body& body, const plan::StepLength<double>& length,
-                                 std::optional<Continuation> from) {
-  const LeapNumbers& n = body.numbers;
+Continuation Trainer::learn_clearing(Kind kind, const RunningModel& running, const Body& body, const plan::StepLength<double>& length,
+                                     std::optional<Continuation> from) {
+  const ObstacleSkill& skill = body.skill(kind);
+  const ManoeuvreNumbers& n = skill.numbers;
+  const ManoeuvreEffort& effort = effort_.kinds[index_of(kind)];
+  const char* const name = name_of(kind);
   const auto range = [](int first, int count) {
     std::vector<int> out(static_cast<std::size_t>(count));
     std::iota(out.begin(), out.end(), first);
@@ -463,31 +584,50 @@ Continuation Trainer::learn_jump(const RunningModel& running, const Body& body, 
   const auto check = [&] {
     if (interruption_asked()) throw Interrupted{};
   };
-  const double h = effort_.first_height;
+  const double h = effort.first_height;
+  const bool sampled = kind != Kind::jump;
   Eigen::VectorXd x;
   // What was learned already is improved.
-  const bool known = from && from->parameters().axes[0] != to_vector(effort_.heights);
+  const bool known = from && from->parameters().axes[0] != to_vector(effort.heights);
   if (known) x = from->model()(Eigen::VectorXd::Constant(1, h));
   if (!from) {
-    const double speed = body.leap_speed;
+    const double speed = skill.speed;
     const Eigen::VectorXd run = running({0, speed});
-    LeapTrials trials(*this, running, body, {h}, states(body, run, speed, state_stream), effort_.first_clearing);
-    // Running's own numbers take off too weakly by far: the first search takes large steps, others from what it found.
-    LeapSearch s{n.first(run), effort_.first_jump_share, range(0, n.recovery()), effort_.first_jump_starts, effort_.first_jump_generations / 2, 0.2, 2.5 * effort_.jump_sigma, effort_.clearing.seed};
-    LeapFound first = search_leap(trials, body, s);
-    progress_("jump", text("a step of %.2f m, first: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
+    control::ClearingSettings first_trial = effort_.first_clearing;
+    if (sampled) first_trial.place = first_trial.velocity;
+    Trials trials(*this, running, body, kind, {h}, states(body, run, speed, state_stream), first_trial);
+    // Running's own numbers take off too weakly by far for a leap that nobody did before: the first search takes large steps,
+    // others from what it found.
+    Eigen::VectorXd begin = n.first(run);
+    if (sampled) {
+      // Of running, only what makes its steps stable is of use.
+      const int law = n.shape.law.phase_size();
+      begin.head(n.laws() - law).setZero();
+      begin.segment(n.laws(), n.offsets()).setZero();
+      begin[n.beta()] = 1;
+    }
+    Search s{begin, effort.first_share, range(0, n.recovery()), effort_.first_starts, effort.first_generations / 2, 0.2, 2.5 * effort_.clearing_sigma, effort_.clearing.seed};
+    if (sampled) {
+      // A regulator keeps it on its way already: a law has but to learn what is left.
+      s.free = range(0, n.laws());
+      s.generations = effort.first_generations;
+      s.difficulty = 1;
+      s.sigma = effort_.clearing_sigma;
+    }
+    Found first = search(trials, s);
+    progress_(name, text("%.2f m, first: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
     for (int again = 0; again < 4 && !first.works; ++again) {
       check();
       s.begin = first.control;
-      s.generations = effort_.first_jump_generations;
-      s.difficulty = 0.4;
-      s.sigma = effort_.jump_sigma;
+      s.generations = effort.first_generations;
+      s.difficulty = sampled ? 1 : 0.4;
+      s.sigma = effort_.clearing_sigma;
       s.seed += 1;
-      first = search_leap(trials, body, s);
-      progress_("jump", text("a step of %.2f m: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
+      first = search(trials, s);
+      progress_(name, text("%.2f m: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
     }
     check();
-    if (!first.works) throw Error("jump: the first step cannot be done");
+    if (!first.works) throw Error(std::string(name) + ": the first obstacle cannot be cleared");
     x = first.control;
   }
   if (!from || known) {
@@ -496,55 +636,63 @@ Continuation Trainer::learn_jump(const RunningModel& running, const Body& body, 
     Eigen::VectorXd best;
     int most = -1;
     const auto on_courses = [&](const Eigen::VectorXd& candidate) {
-      const OnCourses r = run_courses(running, body, [&](double) { return candidate; }, length, 10, effort_.choice_courses, choice_stream);
+      const OnCourses r = run_courses(kind, running, body, [&](double) { return candidate; }, length, 10, effort_.choice_courses, choice_stream);
       if (r.cleared > most) {
         most = r.cleared;
         best = candidate;
       }
       return r;
     };
-    for (int round = 0; round < effort_.rounds; ++round) {
-      const auto found = arrivals(running, body, [&](double) { return x; }, length, static_cast<std::uint64_t>(round * effort_.arrival_courses));
-      LeapTrials trials(*this, running, body, effort_.round_heights, found, effort_.clearing);
+    for (int round = 0; round < effort.rounds; ++round) {
+      const auto first_course = static_cast<std::uint64_t>(round * effort_.arrival_courses);
+      auto found = arrivals(kind, running, body, [&](double) { return x; }, length, first_course);
+      if (sampled) {
+        // A simulated motion has its place before the obstacle, and runners tend to begin before they are there.
+        x[n.distance()] = 0;
+        for (const control::RunningState& state : found) x[n.distance()] += state.off / static_cast<double>(found.size());
+        found = arrivals(kind, running, body, [&](double) { return x; }, length, first_course);
+      }
+      Trials trials(*this, running, body, kind, effort.round_heights, found, effort_.clearing);
       const auto improve = [&](const char* what, std::vector<int> free, int generations) {
-        const LeapFound r = search_leap(
-            trials, body, {x, 0, std::move(free), effort_.round_starts, generations, 1, effort_.jump_sigma, effort_.clearing.seed + 10 + static_cast<std::uint64_t>(round)});
+        const Found r = search(
+            trials, {x, 0, std::move(free), effort_.round_starts, generations, 1, effort_.clearing_sigma, effort_.clearing.seed + 10 + static_cast<std::uint64_t>(round)});
         check();
         x = r.control;
-        progress_("jump", text("round %d, %s, from %d states: cost %.3g, %.0f %% of trials", round + 1, what, static_cast<int>(found.size()), r.cost, 100 * r.share));
+        progress_(name, text("round %d, %s, from %d states: cost %.3g, %.0f %% of trials", round + 1, what, static_cast<int>(found.size()), r.cost, 100 * r.share));
       };
-      improve("leap", range(0, n.recovery()), effort_.round_generations);
+      // What a regulator keeps on its way needs but a law for what is left, and offsets would lead it elsewhere.
+      improve("manoeuvre", range(0, sampled ? n.laws() : n.recovery()), effort_.round_generations);
       Eigen::VectorXd plain = x;
       plain.segment(n.recovery(), n.recoveries()).setZero();
       const OnCourses without = on_courses(plain);
       improve("transOut", range(n.recovery(), n.recoveries()), effort_.recovery_generations);
       const OnCourses with = on_courses(x);
-      progress_("jump", text("round %d: on %d courses of ten %d steps cleared, %d without transOut's own numbers", round + 1, effort_.choice_courses, with.cleared, without.cleared));
+      progress_(name, text("round %d: on %d courses of ten %d obstacles cleared, %d without transOut's own numbers", round + 1, effort_.choice_courses, with.cleared, without.cleared));
     }
     x = best;
     parameterize::ContinuationParameters grid;
-    grid.axes = {to_vector(effort_.heights)};
+    grid.axes = {to_vector(effort.heights)};
     grid.max_attempts = 1;
     from.emplace(grid, Eigen::VectorXd::Constant(1, h), x);
-    write_stage(folder_, "jump", *from);
+    write_stage(folder_, name, *from);
   }
   Continuation c = std::move(*from);
-  const auto found = arrivals(running, body, leap_model(c), length, static_cast<std::uint64_t>(effort_.rounds * effort_.arrival_courses));
+  const auto found = arrivals(kind, running, body, manoeuvre_model(c), length, static_cast<std::uint64_t>(effort.rounds * effort_.arrival_courses));
   std::vector<ContinuationResult> results;
   while (!c.finished()) {
     const auto& tasks = c.ask();
     results.assign(tasks.size(), {});
     for (std::size_t i = 0; i < tasks.size(); ++i) {
       const ContinuationTask& t = tasks[i];
-      LeapTrials trials(*this, running, body, {t.parameter[0]}, found, effort_.clearing);
+      Trials trials(*this, running, body, kind, {t.parameter[0]}, found, effort_.clearing);
       // Laws stay as they are, so that what lies between two leaps does too.
       const bool test = t.kind == ContinuationTask::Kind::test;
-      results[i] = search_leap(trials, body, {t.control, effort_.jump_share, range(n.laws(), n.offsets() + 2), effort_.round_starts, test ? 0 : effort_.jump_generations, 1, effort_.jump_sigma, effort_.clearing.seed});
+      results[i] = search(trials, {t.control, effort.share, range(n.laws(), n.offsets() + 2), effort_.round_starts, test || sampled ? 0 : effort_.clearing_generations, 1, effort_.clearing_sigma, effort_.clearing.seed});
       check();
     }
     c.tell(results);
-    write_stage(folder_, "jump", c);
-    progress_("jump", text("%.0f %% of the range, %ld trials", 100 * c.coverage(), static_cast<long>(c.evaluations())));
+    write_stage(folder_, name, c);
+    progress_(name, text("%.0f %% of the range, %ld trials", 100 * c.coverage(), static_cast<long>(c.evaluations())));
   }
   return c;
 }
@@ -574,14 +722,14 @@ std::vector<NodeResult> Trainer::test_running(const control::Controller& gait, c
   return out;
 }
 
-std::vector<JumpResult> Trainer::test_jump(const RunningModel& running, const Body& body, const LeapModel& jump,
-                                           const plan::StepLength<double>& length, const std::vector<double>& heights, int count) {
-  const auto starts = arrivals(running, body, jump, length, 1000000);
-  std::vector<JumpResult> out;
+std::vector<ClearingResult> Trainer::test_clearing(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
+                                                   const plan::StepLength<double>& length, const std::vector<double>& heights, int count) {
+  const auto starts = arrivals(kind, running, body, manoeuvre, length, 1000000);
+  std::vector<ClearingResult> out;
   for (const double h : heights) {
-    LeapTrials trials(*this, running, body, {h}, starts, effort_.clearing);
-    const control::Manoeuvre m = body.manoeuvre(jump(h), h);
-    JumpResult r;
+    Trials trials(*this, running, body, kind, {h}, starts, effort_.clearing);
+    const control::Manoeuvre m = body.skill(kind).manoeuvre(manoeuvre(h), h);
+    ClearingResult r;
     r.height = h;
     r.trials = count;
     for (const auto& o : trials.run(1, count, test_stream, [&](int, int) -> const control::Manoeuvre& { return m; })) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "../common/lane.hpp"
+#include "authored.hpp"
 #include "course.hpp"
 #include "traceur/control/running_search.hpp"
 #include "traceur/core/executor.hpp"
@@ -16,6 +17,20 @@ namespace terrain_runner {
 
 using example::Lane;
 
+/// How much is spent on one way to clear obstacles.
+struct ManoeuvreEffort {
+  std::vector<double> heights;           ///< nodes, m
+  std::vector<double> round_heights;     ///< m; 1, 2, 4 or 8 of them
+  std::vector<double> family_heights;    ///< of a manoeuvre that is sampled: where, m, increasing
+  int sampling_rounds = 14;              ///< and for how long,
+  int plans = 4;                         ///< how often at most,
+  double good_plan = 0.95;               ///< unless from this share of perturbed starts one is kept to
+  double first_height = 0.2;             ///< m: where it is learned from nothing
+  int first_generations = 100;
+  int rounds = 3;                        ///< of states from courses, manoeuvre and transOut
+  double first_share = 0.5, share = 0.85;  ///< of trials that must clear it and run on: at first, and in the end
+};
+
 /// How much is spent on each stage.
 struct Effort {
   control::RunningSearch gait, running;  ///< searches for the gait and for each node of the running range
@@ -23,18 +38,14 @@ struct Effort {
   double hardest_push = 0;               ///< of the first node of the range, as RunningSettings has them
   control::RunningTask hardest_wander;
   std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
-  std::vector<double> heights;           ///< nodes of the jump, m
-  control::ClearingSettings first_clearing, clearing;  ///< trials of the jump: at first, and from states of courses
-  int jump_population = 32, jump_generations = 80, jump_trials = 64;
-  double first_height = 0.2;             ///< m, one of the heights: where the leap is learned from nothing
-  int first_jump_generations = 100, first_jump_starts = 4;
-  double jump_good_cost = 0.8;           ///< with which a search ends early if all its trials clear the step
-  double jump_sigma = 0.4;               ///< first standard deviation, in units of the search's scales
-  double first_jump_share = 0.5, jump_share = 0.85;  ///< of trials that must clear the step and run on: at first, and in the end
-  int rounds = 3;                        ///< of states from courses, leap and transOut
+  OfKinds<ManoeuvreEffort> kinds;
+  control::ClearingSettings first_clearing, clearing;  ///< trials of manoeuvres: at first, and from states of courses
+  int clearing_population = 32, clearing_generations = 80, clearing_trials = 64;
+  int first_starts = 4;
+  double clearing_good_cost = 0.8;       ///< with which a search ends early if all its trials clear the obstacle
+  double clearing_sigma = 0.4;           ///< first standard deviation, in units of the search's scales
   int round_generations = 150, recovery_generations = 60, round_starts = 8, arrival_courses = 64;
-  int choice_courses = 64;               ///< of ten steps, that choose among what the rounds lead to
-  std::vector<double> round_heights{0.1, 0.15, 0.2, 0.25};  ///< m; 1, 2, 4 or 8 of them
+  int choice_courses = 64;               ///< of ten obstacles, that choose among what the rounds lead to
   int max_attempts = 2;
 
   static Effort of(bool quick, std::uint64_t seed);
@@ -47,8 +58,8 @@ struct NodeResult {
   control::RunningJudgement judgement;
 };
 
-/// How well a jump is done, likewise.
-struct JumpResult {
+/// How well obstacles of some height are cleared, likewise.
+struct ClearingResult {
   double height = 0;
   int trials = 0, survived = 0, cleared = 0;
   double exit_speed = 0;
@@ -66,43 +77,47 @@ public:
   control::Controller make_gait(const control::Controller& from);
   /// Spreads the gait over speeds and turns. `on_range` is told after each round.
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
-  /// Learns a leap, improves it and what follows it from states in which leaps on courses begin, and spreads it over heights.
-  traceur::parameterize::Continuation learn_jump(const RunningModel& running, const Body& body,
-                                                 const traceur::plan::StepLength<double>& length,
-                                                 std::optional<traceur::parameterize::Continuation> from);
+  /// Simulates a manoeuvre as it was authored, over obstacles of several heights, by sampling control.
+  MotionFamily sample_family(Kind kind, const RunningModel& running, const Body& body, const GaitEvents& events);
+  /// Learns a manoeuvre, improves it and what follows it from states in which manoeuvres on courses begin, and spreads it
+  /// over heights.
+  traceur::parameterize::Continuation learn_clearing(Kind kind, const RunningModel& running, const Body& body,
+                                                     const traceur::plan::StepLength<double>& length,
+                                                     std::optional<traceur::parameterize::Continuation> from);
 
   std::function<void(const traceur::parameterize::Continuation&)> on_range;
 
   /// At nodes with turns of at most `most_turn` degrees per step, to either side.
   std::vector<NodeResult> test_running(const control::Controller& gait, const traceur::parameterize::Continuation& c, int trials,
                                        double most_turn = 90, bool disturbed = false);
-  std::vector<JumpResult> test_jump(const RunningModel& running, const Body& body, const LeapModel& jump,
-                                    const traceur::plan::StepLength<double>& length, const std::vector<double>& heights, int trials);
+  std::vector<ClearingResult> test_clearing(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
+                                            const traceur::plan::StepLength<double>& length, const std::vector<double>& heights,
+                                            int trials);
   /// Step length against speed over the nodes that were done.
   traceur::plan::StepLength<double> step_length(const std::vector<NodeResult>& nodes) const;
 
-  /// Where the feet are on the ground, and states in which leaps begin.
+  /// Where the feet are on the ground, and states in which manoeuvres begin.
   GaitEvents watch(const control::Controller& gait, const traceur::parameterize::Continuation& running);
   std::vector<control::RunningState> states(const Body& body, const Eigen::VectorXd& control, double speed, std::uint64_t stream);
-  /// States in which leaps begin on courses of steps that are numbered from `first` on.
-  std::vector<control::RunningState> arrivals(const RunningModel& running, const Body& body, const LeapModel& jump,
+  /// States in which manoeuvres begin on courses of their obstacles that are numbered from `first` on.
+  std::vector<control::RunningState> arrivals(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                                               const traceur::plan::StepLength<double>& length, std::uint64_t first);
 
 private:
-  /// How runners fared on courses, and the states in which their leaps began.
+  /// How runners fared on courses, and the states in which their manoeuvres began.
   struct OnCourses {
     int cleared = 0;
     std::vector<control::RunningState> arrivals;
   };
-  OnCourses run_courses(const RunningModel& running, const Body& body, const LeapModel& jump, const traceur::plan::StepLength<double>& length,
-                        int obstacles, int count, std::uint64_t first);
-  struct LeapSearch;
-  class LeapTrials;
+  OnCourses run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
+                        const traceur::plan::StepLength<double>& length, int obstacles, int count, std::uint64_t first);
+  struct Search;
+  class Trials;
   /// The same with the share of trials that did what was asked for.
-  struct LeapFound : traceur::parameterize::ContinuationResult {
+  struct Found : traceur::parameterize::ContinuationResult {
     double share = 0;
   };
-  LeapFound search_leap(LeapTrials& trials, const Body& body, const LeapSearch& s);
+  Found search(Trials& trials, const Search& s);
 
   const sim::Model& model_;
   control::Roles roles_;
@@ -112,8 +127,5 @@ private:
   Progress progress_;
   sim::Ground<float> flat_;
 };
-
-/// Ground that rises by `height` m at x = 0.
-sim::Ground<float> step_ground(double height);
 
 }  // namespace terrain_runner

@@ -36,6 +36,7 @@
 #include <traceur/control/sole_slide.hpp>
 #include <traceur/control/tracking_cost.hpp>
 #include <traceur/control/tracking_reference.hpp>
+#include <traceur/control/tracking_regulator.hpp>
 #include <traceur/core/error.hpp>
 #include <traceur/core/executor.hpp>
 #include <traceur/core/hex_words.hpp>

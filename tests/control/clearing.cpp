@@ -35,7 +35,7 @@ struct Stand : Sway {
     return e;
   }
   auto run(const control::ClearingSettings& e, double height = 0) const {
-    control::ClearingTrials<S> trials(f.model, f.roles, parameters, ground, height, c.tick, c.steps_per_tick, gait);
+    control::ClearingTrials<S> trials(f.model, f.roles, parameters, ground, control::Hurdle::step(height), c.tick, c.steps_per_tick, gait);
     return trials.run(
         e, 2, [&](int) -> const control::Manoeuvre& { return m; }, [](int l) { return l; }, states, [&](double) { return numbers; });
   }
@@ -89,16 +89,16 @@ TEST_CASE("equal starts go equally, others differ, and a fall costs the time los
 TEST_CASE("lanes have steps of their own, and what is not settled at the end costs") {
   Stand s;
   s.m.distance = 0;
-  control::ClearingTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, 0.1, s.c.tick, s.c.steps_per_tick, s.gait);
-  trials.place(1, s.ground, 0.2);
+  control::ClearingTrials<S> trials(s.f.model, s.f.roles, s.parameters, s.ground, control::Hurdle::step(0.1), s.c.tick, s.c.steps_per_tick, s.gait);
+  trials.place(1, s.ground, control::Hurdle::step(0.2));
   control::ClearingSettings e = s.quiet();
   const auto run = [&] {
     return trials.run(
         e, 2, [&](int) -> const control::Manoeuvre& { return s.m; }, [](int) { return 0; }, s.states, [&](double) { return s.numbers; });
   };
   const auto free = run();
-  CHECK(trials.height(0) == 0.1);
-  CHECK(trials.height(1) == 0.2);
+  CHECK(trials.hurdle(0).top == 0.1);
+  CHECK(trials.hurdle(1).top == 0.2);
   CHECK(free[1].contact - free[0].contact == doctest::Approx(0.1).epsilon(1e-3));
   CHECK(free[0].unsettled > 0);
   CHECK(free[0].unsettled < 0.5);
@@ -130,4 +130,45 @@ TEST_CASE("running states begin with a step on the left foot, over the origin") 
     CHECK(std::abs(m.center_of_mass.x) < 1e-4);
     CHECK(std::abs(m.center_of_mass.y) < 1e-4);
   }
+}
+
+TEST_CASE("a step goes on, a box has another side, and feet are in its way as far as it reaches") {
+  const control::Hurdle step = control::Hurdle::step(0.2), box = control::Hurdle::box(0.7, 0.4), down = control::Hurdle::step(-1);
+  CHECK(step.floor(-0.1) == 0);
+  CHECK(step.floor(0.1) == 0.2);
+  CHECK(step.floor(9) == 0.2);
+  CHECK(box.floor(0.39) == 0.7);
+  CHECK(box.floor(0.41) == 0);
+  CHECK(down.floor(0.1) == -1);
+  CHECK(step.in_the_way(-0.1, 0.15, 0.06));
+  CHECK_FALSE(step.in_the_way(0.1, 0.15, 0.06));
+  CHECK(box.in_the_way(0.42, 0.15, 0.06));
+  CHECK_FALSE(box.in_the_way(0.47, 0.15, 0.06));
+  CHECK_FALSE(down.in_the_way(0, 0.15, 0.06));
+}
+
+TEST_CASE("who should hold on and does not has not cleared it") {
+  Stand s;
+  s.m.distance = -0.5;
+  const auto free = s.run(s.quiet())[0];
+  s.m.hand = 0;
+  s.m.hold_to = 1000;
+  control::ClearingSettings e = s.quiet();
+  e.uncleared = 3;
+  const auto o = s.run(e)[0];
+  CHECK(o.survived);
+  CHECK_FALSE(o.held);
+  CHECK_FALSE(o.cleared);
+  CHECK(o.cost == doctest::Approx(free.cost + 3 + e.weights.contact * e.no_hand));
+}
+
+TEST_CASE("told from its reference, a fall is to be turned or lower than that") {
+  std::array<S, control::full_sensors> ds;
+  ds.fill(S(0.0f));
+  CHECK_FALSE(control::off_reference(ds, 1, 1.0, 0.3));
+  core::set_lane(ds[1], 1, 1.1f);
+  CHECK(control::off_reference(ds, 1, 1.0, 0.3));
+  CHECK_FALSE(control::off_reference(ds, 0, 1.0, 0.3));
+  core::set_lane(ds[5], 2, -0.4f);
+  CHECK(control::off_reference(ds, 2, 1.0, 0.3));
 }

@@ -4,6 +4,7 @@
 #include <traceur/control/make_controller.hpp>
 #include <traceur/control/running_search.hpp>
 #include <traceur/control/sampling_control.hpp>
+#include <traceur/control/tracking_regulator.hpp>
 #include <traceur/io/mjcf.hpp>
 
 #include <doctest/doctest.h>
@@ -49,6 +50,16 @@ TEST_CASE("docs/control.md") {
 
   const std::vector<control::EpisodeResult> trials = control::run_episodes(runners, controller, {}, 16, threads);
 
+  // Keeping to a simulated motion.
+  const control::SimulatedMotion motion{sampled.targets, sampled.poses, sampled.velocities};
+  const control::RegulatorSettings settings;
+  const auto nothing = [](auto&, int) {};
+  const auto ticks = control::linearize(lanes, model, motion, sampling.steps_per_tick, settings, nothing);
+  const auto gains =
+      control::regulator_gains(ticks, control::regulator_costs(model, settings), settings.effort, settings.last);
+  const control::TrackingRegulator regulator(model, roles, {1}, {motion}, {gains});
+
+  CHECK(regulator.ticks() == static_cast<int>(sampled.targets.cols()));
   CHECK(sampled.mean_joint_error < 0.1);
   CHECK(controller.law.size() == 297);
   REQUIRE(trials.size() == 16);

@@ -75,3 +75,39 @@ TEST_CASE("a hand takes hold where it first touches, keeps its place, and lets g
   grip.restart();
   CHECK_FALSE(grip.done());
 }
+
+TEST_CASE("without a memory of its own a hand holds on while the body is behind it and it may") {
+  const Figure& f = humanoid();
+  const auto hands = control::find_hands(f.model);
+  sim::Extras extras;
+  extras.grips = {hands[0]};
+  const sim::Parameters parameters;
+  const Eigen::VectorXd q = f.skeleton().neutral_pose(), v = at_rest(f);
+  body::Frames<double> frames(f.skeleton());
+  body::forward_kinematics(f.skeleton(), q.data(), frames);
+  const auto wall = sim::Ground<float>::plane({0, 1, 0}, frames.point(hands[0].joint, hands[0].point).y - 0.035);
+  sim::Lanes<S> lanes(f.model, parameters, wall, extras);
+  const int body = f.model.moving_of_joint[static_cast<std::size_t>(hands[0].joint)];
+  for (int l = 0; l < 4; ++l) {
+    lanes.set_gravity(l, 0);
+    put(lanes, l, q, v);
+  }
+  lanes.refresh();
+  lanes.step(1);
+  const double side = core::lane_of(lanes.work().center_of_mass.x, 0) > core::lane_of(lanes.grip_place(0).x, 0) ? -1 : 1;
+  const Vector towards{side, 0, 0};
+  CHECK_FALSE(control::hold_until_passed(lanes, 0, 0, body, towards, false));
+  CHECK_FALSE(lanes.holds(0, 0));
+  CHECK(control::hold_until_passed(lanes, 0, 0, body, towards, true));
+  CHECK(lanes.holds(0, 0));
+  CHECK_FALSE(lanes.holds(1, 0));
+  CHECK(control::hold_until_passed(lanes, 0, 0, body, towards, true));
+  // Seen the other way the centre of mass has passed: it lets go, and does not take hold again.
+  CHECK_FALSE(control::hold_until_passed(lanes, 0, 0, body, -1.0 * towards, true));
+  CHECK_FALSE(lanes.holds(0, 0));
+  CHECK_FALSE(control::hold_until_passed(lanes, 0, 0, body, -1.0 * towards, true));
+  // What may not hold on any more lets go.
+  REQUIRE(control::hold_until_passed(lanes, 1, 0, body, towards, true));
+  CHECK_FALSE(control::hold_until_passed(lanes, 1, 0, body, towards, false));
+  CHECK_FALSE(lanes.holds(1, 0));
+}

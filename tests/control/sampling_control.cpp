@@ -3,6 +3,8 @@
 
 #include <doctest/doctest.h>
 
+#include <atomic>
+
 #include "support.hpp"
 
 using namespace figures;
@@ -246,6 +248,51 @@ TEST_CASE("soles that slide while they carry cost what they are said to, and les
   const Search::Outcome outcome = search.simulate(held.targets);
   CHECK(outcome.cost == doctest::Approx(held.round_cost.back()).epsilon(1e-4));
   CHECK(outcome.slide < 0.7 * free);
+}
+
+namespace {
+
+/// Charges for every tick, and counts them.
+struct Charge : control::NoSamplingAid {
+  std::atomic<int>* ticks;
+  double cost_of_tick;
+  template <class L>
+  void operator()(sim::Lanes<L>&, int) const noexcept {
+    ++*ticks;
+  }
+  template <class L>
+  L cost(const sim::Lanes<L>&, int) const noexcept {
+    return L(static_cast<float>(cost_of_tick));
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a search begins where it is told to, and an aid sees every tick and adds to every window's cost") {
+  Search s(squat_clip(24), 0.4);
+  s.settings.rounds = 2;
+  const SampledControl plain = s.run();
+  std::atomic<int> ticks{0};
+  Charge charge;
+  charge.ticks = &ticks;
+  charge.cost_of_tick = 0.5;
+  core::SerialExecutor executor;
+  const SampledControl charged = control::sample_control<S>(s.f.model, s.simulation, s.ground, s.cost, s.reference, s.settings, executor, {}, charge);
+  // The same for all changes nothing but the sum, half a unit for each of four windows.
+  CHECK(charged.offsets == plain.offsets);
+  CHECK(charged.round_cost.back() == doctest::Approx(plain.round_cost.back() + 4 * 0.5).epsilon(1e-4));
+  CHECK(ticks == s.reference.ticks * (1 + 2 * (s.settings.samples / core::lane_count<S>)));
+  // With next to no spread, what is found is what it began with, around the targets it was given.
+  s.settings.hip = s.settings.leg = s.settings.trunk = s.settings.head = 1e-9;
+  s.settings.offsets = plain.offsets;
+  s.settings.targets = control::led_targets(s.f.model, s.reference, s.settings.lead).leftCols(s.reference.ticks);
+  const SampledControl again = s.run();
+  CHECK((again.offsets - plain.offsets).cwiseAbs().maxCoeff() < 1e-6);
+  s.settings.offsets.conservativeResize(Eigen::NoChange, 1);
+  CHECK_THROWS_AS(s.run(), traceur::Error);
+  s.settings.offsets.resize(0, 0);
+  s.settings.targets.conservativeResize(Eigen::NoChange, 3);
+  CHECK_THROWS_AS(s.run(), traceur::Error);
 }
 
 TEST_CASE("settings and starts that cannot be searched are refused") {

@@ -19,7 +19,7 @@ Outcome runner(const fs::path& folder, const std::string& arguments) { return sh
 
 TEST_CASE("terrain_runner runs a course with the skills that come with it") {
   const fs::path folder = fresh("terrain_runner", "run"), out = folder / "out";
-  REQUIRE(runner(folder, "run --seed 5 --obstacles 3 --highest 0.2 --threads 1 --out " + out.string()).status == 0);
+  REQUIRE(runner(folder, "run --seed 5 --obstacles 3 --kinds jump --jump 0.1 0.2 --threads 1 --out " + out.string()).status == 0);
   const nlohmann::json report = report_of(out);
   CHECK(report["status"] == "done");
   CHECK(report["obstacles"] == 3);
@@ -34,7 +34,7 @@ TEST_CASE("a live runner is not ahead of the clock, says where it is, and ends a
   const fs::path folder = fresh("terrain_runner", "live");
   const auto run = [&](const std::string& more) {
     const auto begin = std::chrono::steady_clock::now();
-    const Outcome o = runner(folder, "run --seed 5 --obstacles 1 --highest 0.1 --threads 1 " + more + " --out " + (folder / "out").string());
+    const Outcome o = runner(folder, "run --seed 5 --obstacles 1 --kinds jump --jump 0.1 0.1 --threads 1 " + more + " --out " + (folder / "out").string());
     REQUIRE(o.status == 0);
     const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return std::tuple{o.out, report_of(folder / "out"), wall};
@@ -56,7 +56,7 @@ TEST_CASE("courses go the same on any number of threads, most are completed, and
   const fs::path folder = fresh("terrain_runner", "evaluate");
   const auto evaluate = [&](const char* name, const std::string& more) {
     const fs::path out = folder / name;
-    REQUIRE(runner(folder, "evaluate --quick --courses 16 --obstacles 2 --highest 0.25 " + more + " --out " + out.string()).status == 0);
+    REQUIRE(runner(folder, "evaluate --quick --courses 16 --obstacles 2 --kinds jump --jump 0.1 0.25 " + more + " --out " + out.string()).status == 0);
     nlohmann::json report = report_of(out);
     report.erase("wall_s");
     return report;
@@ -71,7 +71,7 @@ TEST_CASE("courses go the same on any number of threads, most are completed, and
 
 TEST_CASE("each part is left out in turn, on the same courses") {
   const fs::path folder = fresh("terrain_runner", "ablations"), out = folder / "out";
-  const std::string courses = "evaluate --courses 8 --obstacles 2 --highest 0.2 ";
+  const std::string courses = "evaluate --courses 8 --obstacles 2 --kinds jump --jump 0.1 0.2 ";
   REQUIRE(runner(folder, courses + "--ablations --out " + out.string()).status == 0);
   const nlohmann::json rows = report_of(out)["ablations"];
   REQUIRE(rows.size() == 6);
@@ -90,8 +90,11 @@ TEST_CASE("each part is left out in turn, on the same courses") {
 
 TEST_CASE("one step is met from many distances") {
   const fs::path folder = fresh("terrain_runner", "approach"), out = folder / "out";
-  REQUIRE(runner(folder, "evaluate --approach --trials 15 --out " + out.string()).status == 0);
-  const nlohmann::json found = report_of(out)["approach"];
+  REQUIRE(runner(folder, "evaluate --approach --kinds jump --trials 15 --out " + out.string()).status == 0);
+  const nlohmann::json all = report_of(out)["approach"];
+  REQUIRE(all.size() == 1);
+  const nlohmann::json& found = all[0];
+  CHECK(found["skill"] == "jump");
   CHECK(found["trials"] == 15);
   CHECK(found["size_m"] == 0.2);
   CHECK(found["successes"].get<int>() >= 11);
@@ -174,13 +177,41 @@ TEST_CASE("a small job learns a leap on top of running, and it is used") {
   const fs::path folder = fresh("terrain_runner", "train"), out = folder / "out";
   fs::create_directories(out);
   for (const char* file : {"gait.json", "running.txt", "measured.json"}) fs::copy_file(skills / file, out / file);
-  REQUIRE(runner(folder, "train --quick --threads 1 --resume " + out.string()).status == 0);
+  REQUIRE(runner(folder, "train --quick --kinds jump --threads 1 --resume " + out.string()).status == 0);
   const nlohmann::json report = report_of(out);
   CHECK(report["status"] == "done");
   CHECK(report["jump"]["evaluations"].get<int>() > 0);
   CHECK(report["jump"]["heights"][0]["cleared"].get<int>() > 8);
-  REQUIRE(runner(folder, "evaluate --courses 16 --obstacles 1 --highest 0.1 --threads 1 " + out.string() + " --out " + (folder / "courses").string()).status == 0);
+  REQUIRE(runner(folder, "evaluate --courses 16 --obstacles 1 --kinds jump --jump 0.1 0.1 --threads 1 " + out.string() + " --out " + (folder / "courses").string()).status == 0);
   CHECK(report_of(folder / "courses")["obstacles_met"].get<int>() >= 8);
+}
+
+TEST_CASE("boxes are vaulted, on courses of steps and boxes as well") {
+  const fs::path folder = fresh("terrain_runner", "vault"), out = folder / "out";
+  REQUIRE(runner(folder, "evaluate --kinds vault --vault 0.6 0.7 --courses 32 --obstacles 1 --out " + out.string()).status == 0);
+  const nlohmann::json boxes = report_of(out);
+  CHECK(boxes["by_kind"]["vault"]["met"] == 32);
+  CHECK(boxes["by_kind"]["vault"]["cleared"].get<int>() >= 16);
+  CHECK_FALSE(boxes["by_kind"].contains("jump"));
+  // Without the law of what is left the regulator is gone as well, and nobody gets over.
+  REQUIRE(runner(folder, "evaluate --kinds vault --vault 0.6 0.7 --courses 8 --obstacles 1 --without feedback --out " + out.string()).status == 0);
+  CHECK(report_of(out)["obstacles_cleared"] == 0);
+  REQUIRE(runner(folder, "evaluate --kinds jump,vault --jump 0.1 0.2 --vault 0.6 0.7 --courses 16 --obstacles 2 --out " + out.string()).status == 0);
+  const nlohmann::json mixed = report_of(out)["by_kind"];
+  CHECK(mixed["jump"]["met"].get<int>() > 0);
+  CHECK(mixed["vault"]["met"].get<int>() > 0);
+}
+
+TEST_CASE("a small job learns a vault around the motion that is there") {
+  const fs::path folder = fresh("terrain_runner", "train_vault"), out = folder / "out";
+  fs::create_directories(out);
+  for (const char* file : {"gait.json", "running.txt", "measured.json", "vault.safetensors"}) fs::copy_file(skills / file, out / file);
+  REQUIRE(runner(folder, "train --quick --kinds vault --threads 1 --resume " + out.string()).status == 0);
+  const nlohmann::json report = report_of(out);
+  CHECK(report["status"] == "done");
+  CHECK_FALSE(report.contains("jump"));
+  CHECK(report["vault"]["heights"].size() == 2);
+  CHECK(report["vault"]["heights"][0]["survived"].get<int>() > 4);
 }
 
 TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and leaves nothing behind") {
@@ -207,5 +238,12 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   refused("compare --runs 0 --out " + out.string(), "--runs");
   refused("compare --resume " + (folder / "empty").string() + " --out " + out.string(), "--resume");
   refused("plot " + (folder / "empty").string() + " --out " + out.string(), "gait.json");
-  refused("run --lowest 0.5 --highest 0.2 --out " + out.string(), "--highest");
+  refused("run --kinds drop --out " + out.string(), "--kinds");
+  refused("run --kinds vault " + (folder / "nothing").string() + " --out " + out.string(), "nothing");
+  fs::create_directories(folder / "half");
+  for (const char* file : {"gait.json", "running.txt", "measured.json", "jump.txt", "vault.safetensors"}) fs::copy_file(skills / file, folder / "half" / file);
+  refused("run --kinds vault " + (folder / "half").string() + " --out " + out.string(), "vault.txt");
+  fs::resize_file(folder / "half" / "vault.safetensors", 5000);
+  refused("run " + (folder / "half").string() + " --out " + out.string(), "vault.safetensors");
+  refused("run --jump 0.5 0.2 --out " + out.string(), "--jump");
 }

@@ -8,6 +8,7 @@
 
 #include "traceur/control/clearing_cost.hpp"
 #include "traceur/control/composition.hpp"
+#include "traceur/control/hand_grip.hpp"
 
 namespace traceur::control {
 
@@ -63,6 +64,34 @@ std::vector<RunningState> running_states(RunningTrials<S>& trials, const sim::Mo
   return out;
 }
 
+/// One tick of a composed runner's hands, which are the lanes' grips 0 (right) and 1 (left): they hold on to what they touch
+/// where its manoeuvre has them do so. Returns whether one holds.
+template <class S>
+bool hold(sim::Lanes<S>& lanes, const sim::Model& model, const std::array<sim::GripPoint, 2>& hands, int lane, const Composer& composer) noexcept {
+  bool any = false;
+  for (int h = 0; h < 2; ++h) {
+    const int body = model.moving_of_joint[static_cast<std::size_t>(hands[static_cast<std::size_t>(h)].joint)];
+    any = hold_until_passed(lanes, lane, h, body, {1, 0, 0}, composer.may_hold(h)) || any;
+  }
+  return any;
+}
+
+/// Adds to a lane's targets what the regulator of the manoeuvre that its runner is in says, if there is one; after the Follower.
+template <class S>
+void regulate(sim::Lanes<S>& lanes, int lane, const Composer& composer, TrackingRegulator::Scratch& scratch) noexcept {
+  const Manoeuvre* m = composer.manoeuvre();
+  if (m && m->regulator)
+    m->regulator->apply(lanes, lane, m->size, composer.player().phase(), composer.player().frame(), m->in_mirror, scratch);
+}
+
+/// Whether a manoeuvring runner has fallen: turned by more than `most_tilt` (rad) away from its reference, or its centre of mass
+/// lower than that by more than `most_sunk` (m). `ds`: what its Follower sensed.
+template <class S>
+bool off_reference(const std::array<S, full_sensors>& ds, int lane, double most_tilt, double most_sunk) noexcept {
+  const auto at = [&](std::size_t i) { return static_cast<double>(core::lane_of(ds[i], lane)); };
+  return norm(core::Vector3<double>{at(0), at(1), at(2)}) > most_tilt || at(5) < -most_sunk;
+}
+
 /// At which speed a runner goes on after a manoeuvre (theta_out): a little faster than it is, until it is as fast as before.
 struct ExitSpeed {
   double slowest = 2.5, gain = 0.2;  ///< m/s; the gain is that of one step
@@ -70,7 +99,22 @@ struct ExitSpeed {
   double operator()(double now, double cruise) const noexcept { return std::clamp(now + gain, std::min(slowest, cruise), cruise); }
 };
 
-/// How a trial of a jump up a step goes.
+/// What is in a runner's way: ground at 0 before x = 0, at `top` from there to `depth`, at `rise` beyond. All m.
+struct Hurdle {
+  double top = 0, depth = 0, rise = 0;
+
+  /// A step up, or down where `height` is negative.
+  static Hurdle step(double height) noexcept { return {height, 0, height}; }
+  /// A box on the ground.
+  static Hurdle box(double height, double depth) noexcept { return {height, depth, 0}; }
+
+  /// Height of the ground.
+  double floor(double x) const noexcept { return x < 0 ? 0 : x < depth ? top : rise; }
+  /// Whether a foot must be over `top` at x, `toes` and `heel` reaching so far before and behind its ankle.
+  bool in_the_way(double x, double toes, double heel) const noexcept { return top > 0 && x > -toes && x < depth + heel; }
+};
+
+/// How a trial of clearing an obstacle goes.
 struct ClearingSettings {
   double place = 0.2;        ///< starts are moved by up to so much along the run, m
   double velocity = 0.1;     ///< and pushed by up to so much along each axis, m/s
@@ -81,44 +125,53 @@ struct ClearingSettings {
   ClearingWeights weights;
   double lost = 20;          ///< cost of the whole time lost, beside Eq. 10
   double settle = 0;         ///< cost of each unit by which the last half of the steps after it are off the reference
+  double uncleared = 0;      ///< cost of not being beyond it when the manoeuvre ends, or of never coming so far
+  double no_hand = 0.2;      ///< added to E_c where a hand should hold on and never does, m
   double overlap = 0.02;     ///< soles shall pass the edge by this much, m
+  /// Whether a fall is told from the manoeuvre's reference (off it by `most_tilt`, or its centre of mass lower by `most_sunk`
+  /// m) instead, as where it rolls.
+  bool follow_reference = false;
+  double most_sunk = 0.35;
   std::uint64_t seed = 1, stream = 0;
 };
 
 /// What became of one trial.
 struct ClearingOutcome {
-  bool survived = false, cleared = false;  ///< to the end; on top with both feet, in the manoeuvre's last stance
+  bool survived = false, cleared = false;  ///< to the end; beyond it with both feet, in the manoeuvre's last stance,
+                                           ///< a hand having held on where one should
+  bool held = false;                       ///< a hand held on to it
   double seconds = 0, cost = 0;
   double contact = 0, balance = 0, pose = 0;  ///< E_c, E_b (m), mean of the sensed distances
   double exit_speed = 0;                      ///< mean over the steps after it, m/s
   double unsettled = 0;  ///< mean over the last half of those steps: off the reference by rad + m/s + m of the stance foot
 };
 
-/// Tries compositions of running and a jump up a step on a pack of lanes: a running step leads into the manoeuvre, and
-/// running steps follow it. One per worker and ground.
+/// Tries compositions of running and the clearing of an obstacle on a pack of lanes: a running step leads into the manoeuvre,
+/// and running steps follow it. Hands hold on where the manoeuvre has them do so. One per worker and ground.
 template <class S>
 class ClearingTrials {
 public:
   using T = core::Element<S>;
   static constexpr int width = core::lane_count<S>;
 
-  /// The ground rises by `height` m at x = 0, in all lanes that have no place of their own. All must outlive it.
+  /// The ground has `hurdle` in it, in all lanes that have no place of their own. All must outlive it.
   ClearingTrials(const sim::Model& model, const Roles& roles, const sim::Parameters& simulation, const sim::Ground<T>& ground,
-                 double height, double tick, int steps_per_tick, const Skill& gait, const Composer::Settings& composition = {})
-      : model_(&model), roles_(roles), tick_(tick), steps_(steps_per_tick), gait_(&gait),
-        lanes_(model, simulation, ground), follower_(model, roles, gait.shape.law, gait.limits) {
+                 const Hurdle& hurdle, double tick, int steps_per_tick, const Skill& gait, const Composer::Settings& composition = {})
+      : model_(&model), roles_(roles), tick_(tick), steps_(steps_per_tick), gait_(&gait), hands_(find_hands(model)),
+        lanes_(model, simulation, ground, with_hands(hands_)), follower_(model, roles, gait.shape.law, gait.limits) {
     for (int l = 0; l < width; ++l) composers_.emplace_back(model, gait, composition);
-    heights_.fill(height);
+    hurdles_.fill(hurdle);
+    scratch_ = TrackingRegulator::scratch(model);
   }
 
-  /// Gives a lane another ground, which rises by `height` m at x = 0.
-  void place(int lane, const sim::Ground<T>& ground, double height) {
+  /// Gives a lane another ground, with `hurdle` in it.
+  void place(int lane, const sim::Ground<T>& ground, const Hurdle& hurdle) {
     lanes_.set_place(lane, ground, nullptr);
-    heights_[static_cast<std::size_t>(lane)] = height;
+    hurdles_[static_cast<std::size_t>(lane)] = hurdle;
   }
 
   sim::Lanes<S>& lanes() { return lanes_; }
-  double height(int lane) const { return heights_[static_cast<std::size_t>(lane)]; }
+  const Hurdle& hurdle(int lane) const { return hurdles_[static_cast<std::size_t>(lane)]; }
 
   /// One trial in each of the first `used` lanes. `manoeuvre(lane)` refers to what is tried, `start(lane)` is the number of
   /// its start, taken from `states`; `running(speed)` is the control for running straight ahead at a speed, before and after.
@@ -169,6 +222,7 @@ public:
         follower_.set(l, c.player());
       }
       follower_.act(lanes_, ds.data());
+      for (int l = 0; l < width; ++l) regulate(lanes_, l, composers_[static_cast<std::size_t>(l)], scratch_);
       lanes_.step(steps_);
       const auto& w = lanes_.work();
       using core::Vector3;
@@ -182,24 +236,23 @@ public:
         Marks& m = marks[k];
         ClearingOutcome& o = out[k];
         const RunStage before = c.stage();
+        o.held = hold(lanes_, *model_, hands_, l, c) || o.held;
         c.advance(tick_, core::lane_of(w.center_of_mass.x, l), core::lane_of(w.center_of_mass.y, l));
-        const double at = core::lane_of(w.bodies[0].position.x, l);
-        const double floor = at > 0 ? height(l) : 0;
-        const double up = core::lane_of(w.bodies[0].rotation.zz, l);
-        if (lanes_.failed(l) || core::lane_of(lanes_.q()[2], l) < floor + e.least_root || up < std::cos(e.most_tilt)) {
+        const bool manoeuvring = before == RunStage::trans_in || before == RunStage::clear;
+        if (lanes_.failed(l) || (e.follow_reference && manoeuvring ? off_reference(ds, l, e.most_tilt, e.most_sunk) : fallen(l, e))) {
           alive[k] = false;
           --living;
           continue;
         }
         o.seconds = (n + 1) * tick_;
-        if (before == RunStage::trans_in || before == RunStage::clear) {
+        if (manoeuvring) {
           o.pose += core::lane_of(distance, l);
           ++m.clearing;
           watch_feet(l, e, o);
         }
         if (before != RunStage::trans_out && c.stage() == RunStage::trans_out) {
           o.balance = off_balance(l, ds);
-          o.cleared = foot(0, l).x > 0 && foot(1, l).x > 0;
+          o.cleared = foot(0, l).x > hurdle(l).depth && foot(1, l).x > hurdle(l).depth && (o.held || manoeuvre(l).hand < 0);
           m.left = n;
           m.x = core::lane_of(w.center_of_mass.x, l);
         }
@@ -224,7 +277,9 @@ public:
         o.balance = std::max(o.balance, 0.3);
         o.unsettled = std::max(o.unsettled, 2.0);
       }
-      o.cost = clearing_cost(o.contact, o.balance, {o.pose, 0, 0}, e.weights) + e.settle * o.unsettled + e.lost * std::max(0.0, 1 - o.seconds / marks[k].whole);
+      if (manoeuvre(l).hand >= 0 && !o.held) o.contact += e.no_hand;
+      o.cost = clearing_cost(o.contact, o.balance, {o.pose, 0, 0}, e.weights) + e.settle * o.unsettled + e.lost * std::max(0.0, 1 - o.seconds / marks[k].whole) +
+               (o.cleared ? 0 : e.uncleared);
       if (!std::isfinite(o.cost)) o.cost = 1e3;
     }
     return out;
@@ -240,12 +295,23 @@ private:
     const auto& p = lanes_.work().bodies[static_cast<std::size_t>(roles_.legs[side].foot)].position;
     return {core::lane_of(p.x, l), core::lane_of(p.y, l), core::lane_of(p.z, l)};
   }
-  /// E_c: the lowest a sole is while it passes the edge, or before it beyond it.
+  static sim::Extras with_hands(const std::array<sim::GripPoint, 2>& hands) {
+    sim::Extras extras;
+    extras.grips.assign(hands.begin(), hands.end());
+    return extras;
+  }
+  bool fallen(int l, const ClearingSettings& e) const {
+    const double up = core::lane_of(lanes_.work().bodies[0].rotation.zz, l);
+    const double floor = hurdle(l).floor(core::lane_of(lanes_.work().bodies[0].position.x, l));
+    return core::lane_of(lanes_.q()[2], l) < floor + e.least_root || up < std::cos(e.most_tilt);
+  }
+  /// E_c: the lowest a sole is while it passes the obstacle, or before it beyond it.
   void watch_feet(int l, const ClearingSettings& e, ClearingOutcome& o) const {
     constexpr double ankle_height = 0.05, toes = 0.15, heel = 0.06;
     for (std::size_t side = 0; side < 2; ++side) {
       const auto f = foot(side, l);
-      if (f.x > -toes && f.x < heel) o.contact = std::max(o.contact, jump_contact_cost(height(l) + e.overlap, f.z - ankle_height));
+      if (hurdle(l).in_the_way(f.x, toes, heel))
+        o.contact = std::max(o.contact, jump_contact_cost(hurdle(l).top + e.overlap, f.z - ankle_height));
     }
   }
   /// E_b: how far the stance foot is from where the reference has it, as the law senses it.
@@ -255,13 +321,15 @@ private:
 
   const sim::Model* model_;
   Roles roles_;
-  std::array<double, static_cast<std::size_t>(width)> heights_{};
+  std::array<Hurdle, static_cast<std::size_t>(width)> hurdles_{};
   double tick_;
   int steps_;
   const Skill* gait_;
+  std::array<sim::GripPoint, 2> hands_;
   sim::Lanes<S> lanes_;
   Follower<S> follower_;
   std::vector<Composer> composers_;
+  TrackingRegulator::Scratch scratch_;
 };
 
 }  // namespace traceur::control

@@ -9,6 +9,7 @@
 
 #include "traceur/control/running.hpp"
 #include "traceur/control/simbicon.hpp"
+#include "traceur/control/tracking_regulator.hpp"
 
 namespace traceur::control {
 
@@ -25,6 +26,12 @@ struct Manoeuvre {
   Eigen::VectorXd recovery{};  ///< what is added to the numbers of running's controls during transOut; empty for nothing
   double end = 0;        ///< phase (ticks) at which running begins again; 0: the table's end. What the table holds beyond it
                          ///< fades out of the reference
+  bool blend_in = true;  ///< whether the reference of running fades into the manoeuvre's
+  const TrackingRegulator* regulator = nullptr;  ///< adds to the law, if there is one
+  double size = 0;       ///< of the obstacle, as the regulator has it
+  bool in_mirror = false;  ///< whether it is the mirror image of the regulator's
+  int hand = -1;         ///< hand that holds on to the obstacle: 0 right, 1 left; -1: none
+  double hold_from = 0, hold_to = 0;  ///< phases (ticks) between which it may
 };
 
 /// Where a composed runner is.
@@ -55,6 +62,15 @@ public:
 
   const SkillPlayer& player() const noexcept { return player_; }
   RunStage stage() const noexcept { return stage_; }
+  /// The manoeuvre that it is in, or null.
+  const Manoeuvre* manoeuvre() const noexcept {
+    return stage_ == RunStage::trans_in || stage_ == RunStage::clear ? manoeuvre_ : nullptr;
+  }
+  /// Whether a hand (0 right, 1 left) may hold on to the obstacle now.
+  bool may_hold(int hand) const noexcept {
+    return manoeuvre() && manoeuvre_->hand == hand &&
+           player_.phase() >= manoeuvre_->hold_from && player_.phase() < manoeuvre_->hold_to;
+  }
   /// Phase (ticks of the gait) at which a step on a side begins: 0 right, 1 left.
   double step_start(int side) const noexcept {
     for (const int t : step_starts_)
@@ -87,7 +103,7 @@ public:
     manoeuvre_control_ = m.control;
     manoeuvre_ = &m;
     obstacle_ = obstacle;
-    const double seconds = settings_.blend ? step_seconds() : 0;
+    const double seconds = settings_.blend && m.blend_in ? step_seconds() : 0;
     player_.pass_to(*m.skill, manoeuvre_control_.data(), obstacle, 0, seconds);
     stage_ = RunStage::trans_in;
     new_step_ = false;

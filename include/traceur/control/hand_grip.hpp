@@ -41,6 +41,29 @@ inline std::array<sim::GripPoint, 2> find_hands(const sim::Model& model) {
   return hands;
 }
 
+/// One tick of a supporting hand that needs no memory but the grip's own: while the centre of mass is behind the hand along
+/// `forward` (unit, world), a hand on moving body `body` takes hold where it touches with more than `least_force` N; it lets go
+/// when the centre of mass has passed, or where it is not `allowed` to hold. Returns whether it holds.
+template <class S>
+bool hold_until_passed(sim::Lanes<S>& lanes, int lane, int grip, int body, const core::Vector3<double>& forward, bool allowed,
+                       double least_force = 1) noexcept {
+  using T = core::Element<S>;
+  if (!allowed && !lanes.holds(lane, grip)) return false;
+  const auto of = [&](const core::Vector3<S>& v) {
+    return core::Vector3<T>{core::lane_of(v.x, lane), core::lane_of(v.y, lane), core::lane_of(v.z, lane)};
+  };
+  const core::Vector3<T> hand = of(lanes.grip_place(grip));
+  const bool behind = dot((of(lanes.work().center_of_mass) - hand).template cast<double>(), forward) < 0;
+  if (lanes.holds(lane, grip)) {
+    if (behind && allowed) return true;
+    lanes.release(lane, grip);
+    return false;
+  }
+  if (!behind || !(norm(of(lanes.body_force()[static_cast<std::size_t>(body)])) > static_cast<T>(least_force))) return false;
+  lanes.hold(lane, grip, hand, static_cast<T>(1e18));
+  return true;
+}
+
 /// The supporting hand of a vault: it holds on to the obstacle, as by a ball-and-socket joint, from its first touch until the
 /// centre of mass has passed it, and not again (Terrain Runner, s4.2.1: a sphere for a hand cannot grasp). One for each lane.
 class HandGrip {

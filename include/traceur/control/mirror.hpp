@@ -20,10 +20,11 @@ inline core::Vector3<S> mirrored_rotation(const core::Vector3<S>& v) {
 }
 
 /// A tangent or velocity vector (nv numbers) of the mirrored motion: left and right exchanged, everything reflected in the
-/// x-z plane. An involution. Bodies' frames must be mirror images at rest, as they are in a symmetric character.
-inline Eigen::VectorXd mirrored_tangent(const sim::Model& model, const Roles& roles, const Eigen::VectorXd& d) {
+/// x-z plane. An involution. Bodies' frames must be mirror images at rest, as they are in a symmetric character. `out` is
+/// another vector.
+inline void mirror_tangent(const sim::Model& model, const Roles& roles, const Eigen::VectorXd& d, Eigen::VectorXd& out) {
   using core::Vector3;
-  Eigen::VectorXd out = d;
+  out = d;
   for (std::size_t b = 0; b < model.bodies.size(); ++b) {
     const sim::MovingBody& to = model.bodies[b];
     const sim::MovingBody& from = model.bodies[static_cast<std::size_t>(roles.mirror[b])];
@@ -38,14 +39,18 @@ inline Eigen::VectorXd mirrored_tangent(const sim::Model& model, const Roles& ro
       o[0] = dot(mirrored_rotation(from.axis), to.axis) > 0 ? i[0] : -i[0];
     }
   }
+}
+inline Eigen::VectorXd mirrored_tangent(const sim::Model& model, const Roles& roles, const Eigen::VectorXd& d) {
+  Eigen::VectorXd out;
+  mirror_tangent(model, roles, d, out);
   return out;
 }
 
 /// A pose of the mirrored motion (nq numbers). An involution.
-inline Eigen::VectorXd mirrored_pose(const sim::Model& model, const Roles& roles, const Eigen::VectorXd& q) {
+inline void mirror_pose(const sim::Model& model, const Roles& roles, const Eigen::VectorXd& q, Eigen::VectorXd& out) {
   using core::Quaternion;
   using core::Vector3;
-  Eigen::VectorXd out = q;
+  out = q;
   const auto turn = [](const double* i, double* o) {
     const Quaternion<double> r = Quaternion<double>::from(i);
     Quaternion<double>{-r.x, r.y, -r.z, r.w}.store(o);
@@ -64,6 +69,10 @@ inline Eigen::VectorXd mirrored_pose(const sim::Model& model, const Roles& roles
       o[0] = dot(mirrored_rotation(from.axis), to.axis) > 0 ? i[0] : -i[0];
     }
   }
+}
+inline Eigen::VectorXd mirrored_pose(const sim::Model& model, const Roles& roles, const Eigen::VectorXd& q) {
+  Eigen::VectorXd out;
+  mirror_pose(model, roles, q, out);
   return out;
 }
 

@@ -39,6 +39,8 @@ struct SamplingParameters {
   int horizon = 0;
   int stride = 8;            ///< windows
   std::uint64_t seed = 1;
+  Eigen::MatrixXd targets;  ///< nq x ticks, what offsets are added to; empty: the reference, led
+  Eigen::MatrixXd offsets;  ///< nv x windows, where the first round searches around; empty: zero
   /// Cyclic motions: first ticks of the windows of one period (or of its first half when `mirrored`), ascending from 0, and
   /// the ticks in that period (half). Empty: windows of `window_ticks`, each its own.
   std::vector<int> period_starts;
@@ -67,6 +69,15 @@ struct SampledControl {
   double simulated_seconds = 0;
 };
 
+/// What a search simulates besides the character and the ground: grips, and what is done to the lanes after every tick.
+struct NoSamplingAid {
+  sim::Extras extras;
+  /// `tick` has just been simulated. All that it knows of a lane must be in the lane's state. An aid that has a `cost(lanes,
+  /// tick)` as well adds that to what a window costs, as a mean over its ticks.
+  template <class S>
+  void operator()(sim::Lanes<S>&, int) const noexcept {}
+};
+
 /// Told after every round: round, cost of the best path. Returning false ends the search after that round.
 using SamplingProgress = std::function<bool(int round, double cost)>;
 
@@ -80,10 +91,10 @@ using SamplingProgress = std::function<bool(int round, double cost)>;
 ///
 /// The simulation begins at the reference's first tick. Deterministic for a seed on any executor. S is the simulator's
 /// scalar. Throws Error naming a setting that is out of range.
-template <class S, core::Executor E>
+template <class S, core::Executor E, class Aid = NoSamplingAid>
 SampledControl sample_control(const sim::Model& model, const sim::Parameters& simulation, const sim::Ground<core::Element<S>>& ground,
                               const TrackingCost& cost, const TrackingReference& reference, const SamplingParameters& p, E& executor,
-                              const SamplingProgress& progress = {}) {
+                              const SamplingProgress& progress = {}, const Aid& aid = {}) {
   using T = core::Element<S>;
   using core::Quaternion;
   using core::Vector3;
@@ -121,7 +132,11 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
     if (std::find(roles.head.begin(), roles.head.end(), index) != roles.head.end()) s = p.head;
     sigma.segment(model.bodies[b].v_index, body::velocity_size(model.bodies[b].type)).setConstant(s);
   }
-  const Eigen::MatrixXd base = led_targets(model, reference, p.lead);
+  if (p.targets.size() > 0 && (p.targets.rows() != model.nq || p.targets.cols() != ticks))
+    throw Error("sampling control: targets must be empty or have a column for every tick");
+  if (p.offsets.size() > 0 && (p.offsets.rows() != nv || p.offsets.cols() != windows))
+    throw Error("sampling control: offsets must be empty or have a column for every window");
+  const Eigen::MatrixXd base = p.targets.size() > 0 ? p.targets : led_targets(model, reference, p.lead);
   const T slide_weight = static_cast<T>(p.slide / (model.total_mass * 9.81));
 
   struct Window {
@@ -132,9 +147,10 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
     std::vector<T> states;    // state x elites
     int carried = -1;         // elite that continues the best path
   };
-  const auto state_size = static_cast<std::size_t>(sim::Lanes<S>::state_size(model));
+  const auto state_size = static_cast<std::size_t>(sim::Lanes<S>::state_size(model, aid.extras));
   std::vector<Window> path(static_cast<std::size_t>(windows));
-  for (Window& w : path) w.mean = Eigen::VectorXd::Zero(nv);
+  for (int w = 0; w < windows; ++w)
+    path[static_cast<std::size_t>(w)].mean = p.offsets.size() > 0 ? Eigen::VectorXd(p.offsets.col(w)) : Eigen::VectorXd::Zero(nv);
 
   // The start: one elite before the first window.
   std::vector<T> start(state_size, T(0));
@@ -146,7 +162,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
   const int groups = (p.samples + width - 1) / width;
   const int samples = groups * width;
   std::vector<sim::Lanes<S>> lanes;
-  for (int i = 0; i < executor.concurrency(); ++i) lanes.emplace_back(model, simulation, ground);
+  for (int i = 0; i < executor.concurrency(); ++i) lanes.emplace_back(model, simulation, ground, aid.extras);
   Eigen::MatrixXf offsets(nv, samples);
   std::vector<int> parents(static_cast<std::size_t>(samples));
   std::vector<float> window_cost(static_cast<std::size_t>(samples)), score(static_cast<std::size_t>(samples));
@@ -227,6 +243,8 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
         for (int t = first_tick; t < last_tick; ++t) {
           give_targets(l, turn, add, t);
           l.step(p.steps_per_tick);
+          aid(l, t);
+          if constexpr (requires { aid.cost(l, t); }) c += S(T(1) / static_cast<T>(last_tick - first_tick)) * aid.cost(l, t);
           if (p.slide > 0) c += S(slide_weight / static_cast<T>(last_tick - first_tick)) * sole_slide(l, roles).sum;
           if (t + 1 == middle) c += S(static_cast<T>(0.3)) * cost(l, reference, t + 1);
         }
@@ -353,6 +371,7 @@ SampledControl sample_control(const sim::Model& model, const sim::Parameters& si
     for (int i = 0; i < model.nq; ++i) out.targets(i, t) = core::lane_of(l.target()[i], 0);
     out.targets.col(t).head(7) = reference.poses.col(t).head(7);
     l.step(p.steps_per_tick);
+    aid(l, t);
     for (int i = 0; i < model.nq; ++i) out.poses(i, t + 1) = core::lane_of(l.q()[i], 0);
     for (int i = 0; i < nv; ++i) out.velocities(i, t + 1) = core::lane_of(l.v()[i], 0);
     const double* ref = reference.points.col(t + 1).data();

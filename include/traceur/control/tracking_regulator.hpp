@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include "traceur/control/mirror.hpp"
+#include "traceur/control/skill_player.hpp"
+#include "traceur/sim/lanes.hpp"
+
+namespace traceur::control {
+
+/// A motion that was simulated: where it begins, what the motors were given, and what came of it.
+struct SimulatedMotion {
+  Eigen::MatrixXd targets;     ///< nq x ticks
+  Eigen::MatrixXd poses;       ///< nq x (ticks + 1)
+  Eigen::MatrixXd velocities;  ///< nv x (ticks + 1)
+
+  int ticks() const { return static_cast<int>(targets.cols()); }
+};
+
+/// Costs of being off a motion, all of squares, and the steps by which the simulator is differenced. Contacts begin and end:
+/// steps about as large as what is to be corrected see more of that than small ones.
+struct RegulatorSettings {
+  double root_place = 20;       ///< 1/m^2
+  double root_turn = 100;       ///< 1/rad^2
+  double joints = 1;            ///< 1/rad^2
+  double root_velocity = 5;     ///< s^2/m^2
+  double root_spin = 0.3;       ///< s^2/rad^2
+  double joint_velocity = 0.01; ///< s^2/rad^2
+  double last = 10;             ///< factor on all of these at the end
+  double effort = 3;            ///< 1/rad^2, of what is added to targets
+  double pose_step = 0.06;      ///< m, rad
+  double velocity_step = 0.6;   ///< m/s, rad/s
+  double target_step = 0.15;    ///< rad
+};
+
+/// How a simulated motion's next state depends on its state and targets: x' = A x + B u, where x is the tangent from the
+/// motion's pose and the difference of velocities (2 nv), and u a tangent added to the targets of all joints (nv - 6).
+struct LinearizedTick {
+  Eigen::MatrixXd a, b;
+};
+
+/// Linearizes the simulator about a motion, by central differences at every tick; the motion is simulated again for what lanes
+/// remember of contacts. `aid(lanes, tick)` does what is done after every tick, as when sampling. The lanes are left anyhow.
+template <class S, class Aid>
+std::vector<LinearizedTick> linearize(sim::Lanes<S>& lanes, const sim::Model& model, const SimulatedMotion& motion, int steps_per_tick,
+                                      const RegulatorSettings& settings, Aid&& aid) {
+  using T = core::Element<S>;
+  constexpr int width = core::lane_count<S>;
+  const body::Skeleton& sk = model.character.skeleton;
+  const int nq = model.nq, nv = model.nv, na = nv - 6, n = 2 * nv, columns = n + na, ticks = motion.ticks();
+  if (motion.poses.cols() != ticks + 1 || motion.velocities.cols() != ticks + 1 || motion.targets.rows() != nq || motion.poses.rows() != nq ||
+      motion.velocities.rows() != nv)
+    throw Error("regulator: expected poses and velocities of every tick and the one after it, of the model's size");
+  const auto put = [](S* to, int lane, const Eigen::VectorXd& from, int first = 0) {
+    for (Eigen::Index i = first; i < from.size(); ++i) core::set_lane(to[i], lane, static_cast<T>(from[i]));
+  };
+  Eigen::VectorXd q(nq), v(nv), d(nv), target(nq), next_pose(nq), next_velocity(nv);
+  const auto get = [&](int lane, Eigen::VectorXd& pose, Eigen::VectorXd& velocity) {
+    for (int i = 0; i < nq; ++i) pose[i] = core::lane_of(lanes.q()[i], lane);
+    for (int i = 0; i < nv; ++i) velocity[i] = core::lane_of(lanes.v()[i], lane);
+    body::normalize(sk, pose.data());
+  };
+  for (S& x : lanes.state()) x = S(T(0));
+  for (int l = 0; l < width; ++l) {
+    lanes.clear_failed(l);
+    put(lanes.q(), l, motion.poses.col(0));
+    put(lanes.v(), l, motion.velocities.col(0));
+  }
+  lanes.refresh();
+  std::vector<T> state(lanes.state().size());
+  std::vector<LinearizedTick> out(static_cast<std::size_t>(ticks));
+  Eigen::MatrixXd ends(n, 2 * columns);
+  for (int t = 0; t < ticks; ++t) {
+    for (std::size_t i = 0; i < state.size(); ++i) state[i] = core::lane_of(lanes.state()[i], 0);
+    Eigen::VectorXd pose(nq), velocity(nv);
+    get(0, pose, velocity);
+    for (int l = 0; l < width; ++l) put(lanes.target(), l, motion.targets.col(t), 7);
+    lanes.step(steps_per_tick);
+    aid(lanes, t);
+    get(0, next_pose, next_velocity);
+    std::vector<T> after(state.size());
+    for (std::size_t i = 0; i < state.size(); ++i) after[i] = core::lane_of(lanes.state()[i], 0);
+    for (int first = 0; first < 2 * columns; first += width) {
+      for (std::size_t i = 0; i < state.size(); ++i) lanes.state()[i] = S(state[i]);
+      for (int l = 0; l < width; ++l) {
+        const int j = std::min(first + l, 2 * columns - 1), k = j / 2;
+        const double sign = j % 2 == 0 ? 1 : -1;
+        q = pose;
+        v = velocity;
+        target = motion.targets.col(t);
+        target.head(7) = sk.neutral_pose().head(7);
+        d.setZero();
+        if (k < nv) {
+          d[k] = sign * settings.pose_step;
+          body::displace(sk, q.data(), d.data(), q.data());
+        } else if (k < n) {
+          v[k - nv] += sign * settings.velocity_step;
+        } else {
+          d[6 + k - n] = sign * settings.target_step;
+          body::displace(sk, target.data(), d.data(), target.data());
+        }
+        lanes.clear_failed(l);
+        put(lanes.q(), l, q);
+        put(lanes.v(), l, v);
+        put(lanes.target(), l, target, 7);
+      }
+      lanes.refresh();
+      lanes.step(steps_per_tick);
+      aid(lanes, t);
+      for (int l = 0; l < width && first + l < 2 * columns; ++l) {
+        get(l, q, v);
+        body::difference(sk, next_pose.data(), q.data(), d.data());
+        ends.col(first + l) << d, v - next_velocity;
+        if (!ends.col(first + l).allFinite()) throw Error("regulator: the simulation failed beside tick " + std::to_string(t));
+      }
+    }
+    LinearizedTick& x = out[static_cast<std::size_t>(t)];
+    x.a.resize(n, n);
+    x.b.resize(n, na);
+    for (int k = 0; k < columns; ++k) {
+      const double step = k < nv ? settings.pose_step : k < n ? settings.velocity_step : settings.target_step;
+      const Eigen::VectorXd slope = (ends.col(2 * k) - ends.col(2 * k + 1)) / (2 * step);
+      if (k < n)
+        x.a.col(k) = slope;
+      else
+        x.b.col(k - n) = slope;
+    }
+    for (std::size_t i = 0; i < state.size(); ++i) lanes.state()[i] = S(after[i]);
+    lanes.refresh();
+  }
+  return out;
+}
+
+/// Gains K of every tick, u = -K x, that cost least in sum of x' Q x + u' R u over the rest of the motion: Riccati's recursion
+/// backwards in time. Q is `costs`, R is `effort` times the unit matrix, and `last` times Q is the cost of the end. Throws Error
+/// where the numbers outgrow what can be computed with.
+inline std::vector<Eigen::MatrixXd> regulator_gains(const std::vector<LinearizedTick>& ticks, const Eigen::VectorXd& costs, double effort,
+                                                    double last) {
+  std::vector<Eigen::MatrixXd> gains(ticks.size());
+  Eigen::MatrixXd p = (last * costs).asDiagonal();
+  for (std::size_t t = ticks.size(); t-- > 0;) {
+    const LinearizedTick& x = ticks[t];
+    const Eigen::MatrixXd bp = x.b.transpose() * p;
+    Eigen::MatrixXd h = bp * x.b;
+    h.diagonal().array() += effort;
+    gains[t] = h.ldlt().solve(bp * x.a);
+    const Eigen::MatrixXd closed = x.a - x.b * gains[t];
+    p = x.a.transpose() * p * closed;
+    p = (0.5 * (p + p.transpose())).eval();
+    p.diagonal() += costs;
+    if (!(p.cwiseAbs().maxCoeff() < 1e12)) throw Error("regulator: costs outgrow all bounds at tick " + std::to_string(t));
+  }
+  return gains;
+}
+
+/// The diagonal of Q, in the order of x.
+inline Eigen::VectorXd regulator_costs(const sim::Model& model, const RegulatorSettings& s) {
+  const int nv = model.nv;
+  Eigen::VectorXd q(2 * nv);
+  q.head(3).setConstant(s.root_place);
+  q.segment(3, 3).setConstant(s.root_turn);
+  q.segment(6, nv - 6).setConstant(s.joints);
+  q.segment(nv, 3).setConstant(s.root_velocity);
+  q.segment(nv + 3, 3).setConstant(s.root_spin);
+  q.tail(nv - 6).setConstant(s.joint_velocity);
+  return q;
+}
+
+/// Keeps characters on a family of simulated motions (the same manoeuvre at obstacles of several sizes, ticks alike) by adding
+/// to their targets what a linear-quadratic regulator says: one gain matrix for each tick and size, linear in between.
+class TrackingRegulator {
+public:
+  /// What a call of `apply` needs to write to; one for each thread.
+  struct Scratch {
+    Eigen::VectorXd pose, reference, low, high, velocity, tangent, target;
+    Eigen::VectorXf state, correction;
+  };
+
+  TrackingRegulator() = default;
+  /// Motions, and gains as `regulator_gains` has them, of each size (increasing). What is added to a joint is no more than
+  /// `most` rad in any coordinate. The model must outlive it.
+  TrackingRegulator(const sim::Model& model, const Roles& roles, std::vector<double> sizes, std::vector<SimulatedMotion> motions,
+                    const std::vector<std::vector<Eigen::MatrixXd>>& gains, double most = 0.6)
+      : model_(&model), roles_(roles), sizes_(std::move(sizes)), motions_(std::move(motions)), most_(most) {
+    if (sizes_.empty() || motions_.size() != sizes_.size() || gains.size() != sizes_.size())
+      throw Error("regulator: expected a motion and gains for each size, and one or more");
+    for (std::size_t k = 0; k < sizes_.size(); ++k) {
+      if (k > 0 && !(sizes_[k] > sizes_[k - 1])) throw Error("regulator: expected sizes that increase");
+      if (motions_[k].ticks() != motions_[0].ticks() || gains[k].size() > static_cast<std::size_t>(motions_[k].ticks()) || gains[k].size() != gains[0].size())
+        throw Error("regulator: expected motions and gains of as many ticks at all sizes");
+      gains_.emplace_back();
+      for (const Eigen::MatrixXd& g : gains[k]) gains_.back().push_back(g.cast<float>());
+    }
+  }
+
+  /// How many ticks it has gains for.
+  int ticks() const { return gains_.empty() ? 0 : static_cast<int>(gains_[0].size()); }
+  static Scratch scratch(const sim::Model& model) {
+    const int nq = model.nq, nv = model.nv;
+    const auto of = [](int n) { return Eigen::VectorXd(n); };
+    return {of(nq), of(nq), of(nq), of(nq), of(nv), of(nv), of(nq), Eigen::VectorXf(2 * nv), Eigen::VectorXf(nv - 6)};
+  }
+
+  /// Adds to the targets of a lane what keeps it on the motion for an obstacle of some size at a phase (ticks), seen from a
+  /// frame; `in_mirror` where the motion is done on the other foot. Does nothing beyond its ticks, or for a lane that is not
+  /// finite.
+  template <class S>
+  void apply(sim::Lanes<S>& lanes, int lane, double size, double phase, const SkillFrame& frame, bool in_mirror, Scratch& w) const noexcept {
+    using core::Quaternion;
+    using core::Vector3;
+    using T = core::Element<S>;
+    const int t = static_cast<int>(std::floor(phase + 1e-6));
+    if (t < 0 || t >= ticks()) return;
+    const body::Skeleton& sk = model_->character.skeleton;
+    const int nq = model_->nq, nv = model_->nv;
+    for (int i = 0; i < nq; ++i) w.pose[i] = core::lane_of(lanes.q()[i], lane);
+    for (int i = 0; i < nv; ++i) w.velocity[i] = core::lane_of(lanes.v()[i], lane);
+    if (!w.pose.allFinite() || !w.velocity.allFinite()) return;
+    body::normalize(sk, w.pose.data());
+    // Into the frame.
+    const Quaternion<double> back = core::about_axis(Vector3<double>{0, 0, 1}, -frame.heading);
+    back.rotate(Vector3<double>{w.pose[0] - frame.x, w.pose[1] - frame.y, w.pose[2] - frame.z}).store(w.pose.data());
+    (back * Quaternion<double>::from(w.pose.data() + 3)).store(w.pose.data() + 3);
+    back.rotate(Vector3<double>::from(w.velocity.data())).store(w.velocity.data());
+    back.rotate(Vector3<double>::from(w.velocity.data() + 3)).store(w.velocity.data() + 3);
+    if (in_mirror) {
+      mirror_pose(*model_, roles_, w.pose, w.low);
+      w.pose.swap(w.low);
+      mirror_tangent(*model_, roles_, w.velocity, w.tangent);
+      w.velocity.swap(w.tangent);
+    }
+    std::size_t k = 0;
+    while (k + 2 < sizes_.size() && size > sizes_[k + 1]) ++k;
+    const std::size_t next = std::min(k + 1, sizes_.size() - 1);
+    const double share = next > k ? std::clamp((size - sizes_[k]) / (sizes_[next] - sizes_[k]), 0.0, 1.0) : 0.0;
+    body::interpolate(sk, motions_[k].poses.col(t).data(), motions_[next].poses.col(t).data(), share, w.reference.data());
+    body::difference(sk, w.reference.data(), w.pose.data(), w.tangent.data());
+    w.state.head(nv) = w.tangent.cast<float>();
+    w.tangent = w.velocity - (1 - share) * motions_[k].velocities.col(t) - share * motions_[next].velocities.col(t);
+    w.state.tail(nv) = w.tangent.cast<float>();
+    const auto at = static_cast<std::size_t>(t);
+    w.correction.noalias() = static_cast<float>(share - 1) * (gains_[k][at] * w.state);
+    if (share > 0) w.correction.noalias() -= static_cast<float>(share) * (gains_[next][at] * w.state);
+    w.tangent.head(6).setZero();
+    for (int i = 6; i < nv; ++i) w.tangent[i] = std::clamp(static_cast<double>(w.correction[i - 6]), -most_, most_);
+    if (in_mirror) {
+      mirror_tangent(*model_, roles_, w.tangent, w.velocity);
+      w.tangent.swap(w.velocity);
+    }
+    w.target.head(7) = w.pose.head(7);
+    for (int i = 7; i < nq; ++i) w.target[i] = core::lane_of(lanes.target()[i], lane);
+    body::normalize(sk, w.target.data());
+    body::displace(sk, w.target.data(), w.tangent.data(), w.low.data());
+    for (int i = 7; i < nq; ++i) core::set_lane(lanes.target()[i], lane, static_cast<T>(w.low[i]));
+  }
+
+private:
+  const sim::Model* model_ = nullptr;
+  Roles roles_;
+  std::vector<double> sizes_;
+  std::vector<SimulatedMotion> motions_;
+  std::vector<std::vector<Eigen::MatrixXf>> gains_;
+  double most_ = 0.6;
+};
+
+}  // namespace traceur::control
