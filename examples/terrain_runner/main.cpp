@@ -168,6 +168,7 @@ int carry_out(const Options& o) {
   } else {
     skills = read_skills(o.skills, model, roles);
     if (!skills.running || !skills.measured) throw Error(o.skills.string() + ": expected running.txt and measured.json; train writes them");
+    if (o.command == Command::run || o.command == Command::evaluate) obstacle_kinds(o, skills);
   }
   example::check_writable(o.out, o.report);
   constexpr const char* commands[] = {"train", "run", "evaluate", "plot", "compare"};

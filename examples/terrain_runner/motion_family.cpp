@@ -2,6 +2,8 @@
 #include "motion_family.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
 
 #include "traceur/core/error.hpp"
 #include "traceur/io/safetensors.hpp"

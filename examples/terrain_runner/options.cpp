@@ -48,6 +48,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   for (CLI::App* c : {train, run, evaluate})
     c->add_option("--kinds", names, "obstacles: jump, vault (default: all that the skills are for)")
         ->delimiter(',')
+        ->allow_extra_args(false)
         ->check(CLI::IsMember({"jump", "vault"}));
   for (CLI::App* c : {train, run, evaluate, plot, compare}) {
     c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");

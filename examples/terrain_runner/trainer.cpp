@@ -100,7 +100,7 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   jump.heights = jump.round_heights = {0.1, 0.15, 0.2, 0.25};
   ManoeuvreEffort& vault = e.kinds[index_of(Kind::vault)];
   vault.family_heights = {0.6, 0.65, 0.7, 0.75, 0.8};
-  vault.round_heights = spaced(0.6, 0.8, 8);
+  vault.round_heights = spaced(0.6, 0.8, std::min(8, core::lane_count<Lane>));
   vault.heights = spaced(0.6, 0.8, 5);
   vault.first_height = 0.7;
   vault.rounds = 4;
