@@ -243,7 +243,7 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
       if (l == 0) tell(o.seconds);
       const double root = core::lane_of(lanes.q()[2], l), up = core::lane_of(lanes.work().bodies[0].rotation.zz, l);
       // Who rolls is as low, and who vaults as near to what is below, as the reference.
-      const bool by_reference = r.clearing && r.manoeuvre.skill != nullptr && course.obstacles[static_cast<std::size_t>(r.next)].kind != Kind::jump;
+      const bool by_reference = r.clearing && course.obstacles[static_cast<std::size_t>(r.next)].kind != Kind::jump;
       const double under = r.clearing ? course.height(core::lane_of(lanes.q()[0], l)) : r.floor;
       const bool fallen = by_reference ? control::off_reference(ds, l, 1.15, 0.35) : root < under + 0.5 || up < std::cos(1.15);
       if (recording && l == 0) {

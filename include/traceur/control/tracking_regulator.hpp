@@ -179,7 +179,7 @@ class TrackingRegulator {
 public:
   /// What a call of `apply` needs to write to; one for each thread.
   struct Scratch {
-    Eigen::VectorXd pose, reference, low, high, velocity, tangent, target;
+    Eigen::VectorXd pose, reference, other, velocity, tangent, target;
     Eigen::VectorXf state, correction;
   };
 
@@ -205,7 +205,7 @@ public:
   static Scratch scratch(const sim::Model& model) {
     const int nq = model.nq, nv = model.nv;
     const auto of = [](int n) { return Eigen::VectorXd(n); };
-    return {of(nq), of(nq), of(nq), of(nq), of(nv), of(nv), of(nq), Eigen::VectorXf(2 * nv), Eigen::VectorXf(nv - 6)};
+    return {of(nq), of(nq), of(nq), of(nv), of(nv), of(nq), Eigen::VectorXf(2 * nv), Eigen::VectorXf(nv - 6)};
   }
 
   /// Adds to the targets of a lane what keeps it on the motion for an obstacle of some size at a phase (ticks), seen from a
@@ -231,8 +231,8 @@ public:
     back.rotate(Vector3<double>::from(w.velocity.data())).store(w.velocity.data());
     back.rotate(Vector3<double>::from(w.velocity.data() + 3)).store(w.velocity.data() + 3);
     if (in_mirror) {
-      mirror_pose(*model_, roles_, w.pose, w.low);
-      w.pose.swap(w.low);
+      mirror_pose(*model_, roles_, w.pose, w.other);
+      w.pose.swap(w.other);
       mirror_tangent(*model_, roles_, w.velocity, w.tangent);
       w.velocity.swap(w.tangent);
     }
@@ -257,8 +257,8 @@ public:
     w.target.head(7) = w.pose.head(7);
     for (int i = 7; i < nq; ++i) w.target[i] = core::lane_of(lanes.target()[i], lane);
     body::normalize(sk, w.target.data());
-    body::displace(sk, w.target.data(), w.tangent.data(), w.low.data());
-    for (int i = 7; i < nq; ++i) core::set_lane(lanes.target()[i], lane, static_cast<T>(w.low[i]));
+    body::displace(sk, w.target.data(), w.tangent.data(), w.other.data());
+    for (int i = 7; i < nq; ++i) core::set_lane(lanes.target()[i], lane, static_cast<T>(w.other[i]));
   }
 
 private:
