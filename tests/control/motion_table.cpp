@@ -4,6 +4,7 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include <traceur/motion/scaling.hpp>
 
@@ -108,6 +109,28 @@ TEST_CASE("a family of motions is interpolated by its parameter") {
                     "motion table of 'any': expected motions done once, alike in length, stance and phases");
   CHECK_THROWS_WITH(control::MotionTable(f.model, f.roles, {low, high}, {0.4, 0.4}),
                     "motion table of 'any': expected values that increase");
+}
+
+TEST_CASE("between motions whose targets go round opposite ways there is a rotation all the same") {
+  const Figure& f = small();
+  control::Controller low = any_controller(f, 12, false, 2), high = low;
+  int ball = -1;
+  for (const sim::MovingBody& b : f.model.bodies)
+    if (b.type == traceur::body::JointType::ball) ball = b.q_index;
+  REQUIRE(ball >= 7);
+  // A jump from one side to the other, through rest in the one and behind in the other: the same rotations at the end.
+  for (int t = 0; t < 12; ++t) {
+    const double angle = t < 6 ? 1.4 : -1.4, other = t < 3 ? 1.4 : t < 6 ? 3.0 : 2 * std::numbers::pi - 1.4;
+    const auto put = [&](control::Controller& c, double a) { traceur::core::about_axis(traceur::core::Vector3<double>{0, 1, 0}, a).store(c.targets.col(t).data() + ball); };
+    put(low, angle);
+    put(high, other);
+  }
+  control::MotionTable table(f.model, f.roles, {low, high}, {0.0, 1.0});
+  for (const double share : {0.25, 0.5, 0.75}) {
+    const Eigen::VectorXf there = sample(table, share, 1, 8).segment(ball - 7, 4);
+    CHECK(there.norm() == doctest::Approx(1).epsilon(1e-4));
+    CHECK(std::abs(there[1]) == doctest::Approx(std::sin(0.7)).epsilon(1e-3));
+  }
 }
 
 TEST_CASE("what no table can be made of is refused") {

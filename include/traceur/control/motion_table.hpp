@@ -200,14 +200,15 @@ private:
     tables_.push_back(std::move(table));
   }
 
-  /// Gives every quaternion the sign of the one before it, and the first of them that of the first table, so that
-  /// numbers in between mean rotations in between.
+  /// Gives every quaternion of the first table the sign of the one before it, and of the others that of the same tick in the
+  /// table before, so that numbers in between mean rotations in between.
   void align(const sim::Model& model, Eigen::MatrixXf& table) const {
     const auto turn = [&](int row) {
       for (Eigen::Index t = 0; t < table.cols(); ++t) {
         auto q = table.col(t).segment(row, 4);
-        const float same = t > 0 ? q.dot(table.col(t - 1).segment(row, 4))
-                                 : tables_.empty() ? q[3] : q.dot(tables_.front().col(0).segment(row, 4));
+        const float same = !tables_.empty() ? q.dot(tables_.back().col(t).segment(row, 4))
+                           : t > 0          ? q.dot(table.col(t - 1).segment(row, 4))
+                                            : q[3];
         if (same < 0) q = -q;
       }
     };
