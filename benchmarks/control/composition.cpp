@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Time of a control tick of one composed runner without its simulation: looking up the reference, sensing, the affine law and
 // the targets ("follow"), and with the clock, the planner and the control of a new step ("whole"; a new step every 24 ticks, as
-// running has it); and of a tick at which a step begins ("step", the longest). One character, one thread, float.
+// running has it); of a tick at which a step begins ("step", the longest); and of one in a manoeuvre that a regulator keeps to
+// ("regulated", between two sizes and in the mirror, which costs most). One character, one thread, float.
 #include <cmath>
 #include <filesystem>
 #include <numbers>
@@ -120,8 +121,25 @@ void step(benchmark::State& state) {
   }
 }
 
+void regulated(benchmark::State& state) {
+  Runner runner;
+  const control::TrackingReference& r = runner.controller.reference;
+  const control::SimulatedMotion motion{runner.controller.targets, r.poses, r.velocities};
+  const int nv = runner.model.nv;
+  const std::vector<Eigen::MatrixXd> gains(48, Eigen::MatrixXd::Constant(nv - 6, 2 * nv, 1e-3));
+  const control::TrackingRegulator regulator(runner.model, runner.roles, {0.6, 0.8}, {motion, motion}, {gains, gains});
+  auto scratch = control::TrackingRegulator::scratch(runner.model);
+  runner.composer.step(runner.numbers, 3.5, 0);
+  for (auto _ : state) {
+    runner.follow();
+    regulator.apply(runner.lanes, 0, 0.7, 7, {}, true, scratch);
+    benchmark::DoNotOptimize(runner.lanes.target());
+  }
+}
+
 BENCHMARK(follow);
 BENCHMARK(whole);
 BENCHMARK(step);
+BENCHMARK(regulated);
 
 }  // namespace

@@ -18,6 +18,7 @@ namespace {
 
 constexpr double cell = 0.2;             // m, of the ground along the way
 constexpr double slowest = 2.75, fastest = 4.5;  // m/s, what the planner may ask for
+constexpr double least_load = 20;        // N, on a foot that is on the ground
 constexpr int horizon = 13;              // steps; obstacles as far as this are not planned for
 constexpr double slower_than_balanced = 0.6;     // m/s below cruising: still coming back to balance
 constexpr double most_turn = 2 * std::numbers::pi / 180;  // rad per step, and over how far the way back to the middle leads,
@@ -63,7 +64,7 @@ Course course_of(std::vector<CourseObstacle> obstacles, double depth) {
   for (const CourseObstacle& o : obstacles) {
     const int from = static_cast<int>(std::lround((o.x + before) / cell));
     const int to = o.kind == Kind::vault ? from + static_cast<int>(std::lround(depth / cell)) : cells;
-    for (int k = from; k < std::min(to, cells); ++k) heights(k, 0) += o.height;
+    for (int k = from; k < std::min(to, cells); ++k) heights(k, 0) += o.kind == Kind::drop ? -o.height : o.height;
   }
   return {std::move(obstacles), terrain::HeightGrid(heights, cell, -before, 0)};
 }
@@ -92,6 +93,9 @@ struct CourseRunner::Runner {
   double step_x = 0, step_seconds = 0, speed = 0;  ///< where the present step began, since when, and how fast the last was
   bool clearing = false;
   int since = -1;            ///< steps begun since the last leap
+  Labels labels;             ///< of the present manoeuvre
+  double flight = 0;         ///< since when no foot was on the ground, s
+  double asked = 0;          ///< speed of the present step, m/s
 };
 
 ManoeuvreModel manoeuvre_model(const parameterize::Continuation& c, bool interpolation) {
@@ -137,16 +141,20 @@ void CourseRunner::decide(Runner& r, const Course& course, double x, double y, d
     }
     if (!settings_.recovery) r.manoeuvre.recovery.setZero();
     const plan::Approach<double> approach{r.manoeuvre.distance, r.manoeuvre.speed_in};
-    const int steps = planner_.steps(distance, r.speed, approach);
+    // Runners are not quite as fast as they are asked to be, and planning from that alone asks ever less of them.
+    const double now = r.asked > 0 ? 0.5 * (r.speed + r.asked) : r.speed;
+    const int steps = planner_.steps(distance, now, approach);
     if (steps <= 0) {
-      c.clear(r.manoeuvre, {0, o.x, y, r.floor});
+      c.clear(r.manoeuvre, {0, o.x, y, r.floor}, x, y);
       r.clearing = true;
+      r.labels = {o.kind, o.height};
       return;
     }
     // A plan begins at the speed of the last step, whatever that was; farther away running finds back to its own.
     if (settings_.planner && !balancing && steps < horizon)
-      speed = std::clamp(planner_.plan(distance, r.speed, approach, steps).speeds[0], slowest, fastest);
+      speed = std::clamp(planner_.plan(distance, now, approach, steps).speeds[0], slowest, fastest);
   }
+  r.asked = speed;
   c.step(running_({turn, speed}), speed, turn);
 }
 
@@ -182,8 +190,10 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
                                                    control::Perturbation{0.15, 0.03}, settings_.seed, 5000, first_number + k);
     control::RunningTrials<Lane>::put(lanes, model, l, start);
     if (l >= used) continue;
-    runners.push_back({control::Composer(model, body_.wide, settings_.composition), {}, true, 0, 0, 0, 0, cruise, false, -1});
+    runners.push_back({control::Composer(model, body_.wide, settings_.composition)});
     Runner& r = runners.back();
+    r.alive = true;
+    r.speed = cruise;
     const core::Vector3<double>& origin = body_.wide.table.start_center();
     r.composer.set_exit(exit_);
     r.composer.start(exit_, cruise, {0, origin.x, origin.y, 0}, 0);
@@ -235,7 +245,19 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
       if (!r.alive) continue;
       CourseOutcome& o = out[k];
       const Course& course = courses[k];
-      control::hold(lanes, model, hands, l, r.composer);
+      const bool held = control::hold(lanes, model, hands, l, r.composer);
+      const bool airborne = !held && std::ranges::all_of(body_.roles.legs, [&](const control::Roles::Leg& leg) {
+        return core::lane_of(lanes.body_force()[static_cast<std::size_t>(leg.foot)].z, l) < least_load;
+      });
+      r.flight = airborne ? r.flight + tick : 0;
+      if (r.clearing) {
+        r.labels.hand += held ? tick : 0;
+        r.labels.flight = std::max(r.labels.flight, r.flight);
+        r.labels.turned += core::lane_of(lanes.v()[4], l) * tick;
+      } else {
+        o.running += tick;
+        o.flying += airborne ? tick : 0;
+      }
       r.composer.advance(tick, x_of(l), y_of(l));
       r.step_seconds += tick;
       o.seconds = (n + 1) * tick;
@@ -243,7 +265,7 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
       if (l == 0) tell(o.seconds);
       const double root = core::lane_of(lanes.q()[2], l), up = core::lane_of(lanes.work().bodies[0].rotation.zz, l);
       // Who rolls is as low, and who vaults as near to what is below, as the reference.
-      const bool by_reference = r.clearing && course.obstacles[static_cast<std::size_t>(r.next)].kind != Kind::jump;
+      const bool by_reference = r.clearing && r.manoeuvre.regulator;
       const double under = r.clearing ? course.height(core::lane_of(lanes.q()[0], l)) : r.floor;
       const bool fallen = by_reference ? control::off_reference(ds, l, 1.15, 0.35) : root < under + 0.5 || up < std::cos(1.15);
       if (recording && l == 0) {
@@ -255,6 +277,7 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
       }
       if (r.clearing && r.composer.stage() == control::RunStage::trans_out) {
         r.clearing = false;
+        o.labels.push_back(r.labels);
         r.floor += r.manoeuvre.rise;
         ++r.next;
         r.since = 0;

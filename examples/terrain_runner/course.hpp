@@ -29,8 +29,8 @@ struct Course {
 struct CourseShape {
   int obstacles = 10;
   std::vector<Kind> kinds{Kind::jump};         ///< what there is
-  OfKinds<std::array<double, 2>> heights{{{0.1, 0.3}, {0.6, 0.8}}};  ///< lowest and highest, m
-  double nearest = 15, farthest = 30;        ///< between obstacles, and before the first, m
+  OfKinds<std::array<double, 2>> heights{{{0.1, 0.3}, {0.6, 0.8}, {0.9, 2.0}}};  ///< lowest and highest, m
+  double nearest = 20, farthest = 35;        ///< between obstacles, and before the first, m
   double depth = 0.4;                          ///< of boxes along the way, m
 };
 
@@ -47,6 +47,15 @@ struct CourseSettings {
   std::uint64_t seed = 1;
 };
 
+/// What is seen of a manoeuvre.
+struct Labels {
+  Kind kind{};
+  double height = 0;    ///< of the obstacle, m
+  double hand = 0;      ///< how long a hand held on to it, s
+  double flight = 0;    ///< longest time that no foot was on the ground nor a hand held on, s
+  double turned = 0;    ///< of the root, forwards about the axis across the way, rad
+};
+
 /// How a runner fared.
 struct CourseOutcome {
   int obstacles = 0, cleared = 0;
@@ -57,6 +66,8 @@ struct CourseOutcome {
   double failed_height = 0;
   int steps_since = -1;      ///< running steps begun since the last obstacle when it failed; -1: there was none
   OfKinds<int> cleared_of{}; ///< obstacles cleared, by kind
+  std::vector<Labels> labels;  ///< of each manoeuvre that was done to its end
+  double running = 0, flying = 0;  ///< time spent running, and of it with no foot on the ground, s
 };
 
 /// The numbers of a manoeuvre (ManoeuvreNumbers) at an obstacle of some height, m.

@@ -52,4 +52,26 @@ Eigen::VectorXd GaitClock::target(double tick) const {
   return q;
 }
 
+void differentiate(const sim::Model& model, const control::Roles& roles, const std::vector<control::TrackedPoint>& points,
+                   control::TrackingReference& r) {
+  const Eigen::Index last = r.poses.cols() - 1;
+  r.velocities.resize(model.nv, last + 1);
+  Eigen::VectorXd d(model.nv);
+  for (Eigen::Index t = 0; t <= last; ++t) {
+    const Eigen::Index before = std::max<Eigen::Index>(t - 1, 0), after = std::min(t + 1, last);
+    body::difference(model.character.skeleton, r.poses.col(before).data(), r.poses.col(after).data(), d.data());
+    r.velocities.col(t) = d / (static_cast<double>(after - before) * r.dt);
+  }
+  control::measure_reference(model, roles, points, r);
+}
+
+void fly(control::TrackingReference& r, int from, int to, double gravity) {
+  const double seconds = (to - from) * r.dt, lift_from = r.center_of_mass(2, from), lift_to = r.center_of_mass(2, to);
+  const double upwards = (lift_to - lift_from) / seconds + 0.5 * gravity * seconds;
+  for (int t = from + 1; t < to; ++t) {
+    const double s = (t - from) * r.dt;
+    r.poses(2, t) += lift_from + s * (upwards - 0.5 * gravity * s) - r.center_of_mass(2, t);
+  }
+}
+
 }  // namespace terrain_runner

@@ -2,13 +2,13 @@
 //
 // A simulated character runs over terrain (Liu, Yin, van de Panne and Guo 2012, "Terrain Runner").
 //
-//   train:  gait ── running ─────────┬── jump (authored) ───────────────┬─ skills
-//           (law,   (controls over   │   transIn, clear and transOut    │
-//           Eq. 8)  speed and turn,  └── vault (keys ── sampling ───────┘
-//                   continuation)        ── regulator), both over heights
+//   train:  gait ── running ──────── jump, vault, drop-roll ─────────────── skills
+//           (law,   (controls over   (keys ── sampling ── regulator ── law,
+//           Eq. 8)  speed and turn,   each over heights)
+//                   continuation)
 //
 //   run:    at every step  planner ─ speed, turn ─ RBF ─ control ──┐
-//                             └─── jump, vault now ─ RBF ─ control ─┴ composition ─ laws, regulator ─ motors
+//                             └─── jump, vault, drop ─ RBF ─ control ┴ composition ─ laws, regulator ─ motors
 //
 // Figure 2 of the paper, and s6. The gait is a running controller, learned from one clip by `perform`.
 #include <cstdio>
@@ -88,11 +88,12 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
     if (!o.kinds.empty() && std::find(o.kinds.begin(), o.kinds.end(), kind) == o.kinds.end()) continue;
     const std::size_t k = index_of(kind);
     const double begun_s = clock.seconds();
-    if (kind != Kind::jump && !skills.family[k]) {
-      const Player runner(model, roles, skills);
+    const Player runner(model, roles, skills, {}, o.threads);
+    if (!skills.family[k]) {
       skills.family[k] = trainer.sample_family(kind, runner.running, runner.body, skills.measured->events);
     }
-    const Player player(model, roles, skills);
+    if (skills.family[k]->effort.empty()) trainer.choose_efforts(kind, runner.body, *skills.family[k]);
+    const Player player(model, roles, skills, {kind}, o.threads);
     skills.clearing[k] = trainer.learn_clearing(kind, player.running, player.body, length, std::move(skills.clearing[k]));
     Json& part = report[name_of(kind)] = Json{{"evaluations", skills.clearing[k]->evaluations()}, {"heights", Json::array()}};
     for (const ClearingResult& j : trainer.test_clearing(kind, player.running, player.body, manoeuvre_model(*skills.clearing[k]), length,
@@ -121,13 +122,17 @@ void write_recording(const Options& o, const sim::Model& model, const Course& co
   track.fps = static_cast<float>(1 / tick);
   Eigen::MatrixXd poses(model.nq, static_cast<Eigen::Index>(r.poses.size()));
   for (Eigen::Index k = 0; k < poses.cols(); ++k) poses.col(k) = r.poses[static_cast<std::size_t>(k)];
+  // Nothing is shown below the floor.
+  const terrain::HeightGrid& g = course.ground;
+  double lowest = 0;
+  for (int i = 0; i < g.nx(); ++i) lowest = std::min(lowest, g(i, 0));
+  poses.row(2).array() -= lowest;
   track.poses = example::replay_poses(model.character.skeleton, poses);
   replay.tracks = {track};
   // The grid is one cell wide, which is too narrow a strip to look at.
-  const terrain::HeightGrid& g = course.ground;
   constexpr int rows = 8;
   Eigen::MatrixXd heights(g.nx(), rows);
-  for (int i = 0; i < g.nx(); ++i) heights.row(i).setConstant(g(i, 0));
+  for (int i = 0; i < g.nx(); ++i) heights.row(i).setConstant(g(i, 0) - lowest);
   replay.terrain = example::replay_terrain(terrain::HeightGrid(heights, g.cell(), g.center_x(0) - 0.5 * g.cell(), -0.5 * rows * g.cell()));
   io::write_replay(o.out / "replay.html", replay);
   std::printf("replay: %s\n", (o.out / "replay.html").string().c_str());
@@ -146,10 +151,15 @@ void run(const Options& o, const sim::Model& model, const Player& player, const 
   report["failure"] = c.failure;
   report["distance_m"] = c.distance;
   report["simulated_s"] = c.seconds;
+  report["running_s"] = c.running;
+  report["running_flight_s"] = c.flying;
+  report["manoeuvres"] = Json::array();
+  for (const Labels& l : c.labels)
+    report["manoeuvres"].push_back({{"kind", name_of(l.kind)}, {"height_m", l.height}, {"hand_s", l.hand}, {"flight_s", l.flight}, {"turned_rad", l.turned}});
   report["live"] = o.live;
   report["real_time_factor"] = pace.real_time_factor();
   report["core_time_factor"] = pace.core_time_factor();
-  std::printf("%d of %d obstacles, %.0f m in %.1f s%s%s\n%.0f times as fast as real time, %.0f by the core's time\n", c.cleared, c.obstacles, c.distance, c.seconds,
+  std::printf("seed %llu: %d of %d obstacles, %.0f m in %.1f s%s%s\n%.0f times as fast as real time, %.0f by the core's time\n", static_cast<unsigned long long>(o.seed), c.cleared, c.obstacles, c.distance, c.seconds,
               c.failure.empty() ? "" : ": ", c.failure.c_str(), pace.real_time_factor(), pace.core_time_factor());
   write_recording(o, model, course, recording, c, skills.gait.tick);
 }
@@ -160,6 +170,7 @@ int carry_out(const Options& o) {
   const sim::Model model = example::read_model(o.character);
   const control::Roles roles = control::find_roles(model);
   Skills skills;
+  std::vector<Kind> asked;
   if (o.command == Command::train) {
     if (o.resume)
       skills = read_skills(o.out, model, roles);
@@ -168,7 +179,7 @@ int carry_out(const Options& o) {
   } else {
     skills = read_skills(o.skills, model, roles);
     if (!skills.running || !skills.measured) throw Error(o.skills.string() + ": expected running.txt and measured.json; train writes them");
-    if (o.command == Command::run || o.command == Command::evaluate) obstacle_kinds(o, skills);
+    if (o.command == Command::run || o.command == Command::evaluate) asked = obstacle_kinds(o, skills);
   }
   example::check_writable(o.out, o.report);
   constexpr const char* commands[] = {"train", "run", "evaluate", "plot", "compare"};
@@ -180,13 +191,13 @@ int carry_out(const Options& o) {
     if (o.command == Command::train)
       train(o, model, roles, std::move(skills), report);
     else if (o.command == Command::run)
-      run(o, model, Player(model, roles, skills), skills, report);
+      run(o, model, Player(model, roles, skills, asked, o.threads), skills, report);
     else if (o.command == Command::plot)
       write_skill_report(o, model, roles, skills, report);
     else if (o.command == Command::compare)
       compare(o, model, roles, skills, report);
     else
-      evaluate(o, Player(model, roles, skills), skills, report);
+      evaluate(o, Player(model, roles, skills, asked, o.threads), skills, report);
   });
   return example::write_report(o.report, report, clock.seconds(), ending);
 }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "traceur/control/mirror.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/io/safetensors.hpp"
 
@@ -84,6 +85,21 @@ control::Controller MotionFamily::controller(const sim::Model& model, const cont
   return c;
 }
 
+control::Controller mirrored(const sim::Model& model, const control::Roles& roles, control::Controller c) {
+  const auto mirror_poses = [&](Eigen::MatrixXd& poses) {
+    for (Eigen::Index t = 0; t < poses.cols(); ++t) poses.col(t) = control::mirrored_pose(model, roles, poses.col(t));
+  };
+  mirror_poses(c.targets);
+  mirror_poses(c.reference.poses);
+  for (Eigen::Index t = 0; t < c.reference.velocities.cols(); ++t)
+    c.reference.velocities.col(t) = control::mirrored_tangent(model, roles, c.reference.velocities.col(t));
+  control::measure_reference(model, roles, {}, c.reference);
+  for (auto& side : c.stance) side = 1 - side;
+  c.start_pose = c.reference.poses.col(0);
+  c.start_velocity = c.reference.velocities.col(0);
+  return c;
+}
+
 MotionFamily read_family(const fs::path& path, const sim::Model& model) {
   const io::Safetensors file = io::read_safetensors(path);
   MotionFamily f;
@@ -106,8 +122,14 @@ MotionFamily read_family(const fs::path& path, const sim::Model& model) {
   f.end = times[0];
   f.hold_from = times[1];
   f.hold_to = times[2];
-  f.regulated = times[3];
+  f.placed = times[3];
   if (f.end < 1) throw Error(path.string() + ": expected an end after the begin");
+  if (file.find("effort")) {
+    f.effort.resize(file.at("effort").size());
+    file.read<double>("effort", f.effort);
+    if (f.effort.size() != f.heights.size() || !std::ranges::all_of(f.effort, [](double e) { return e > 0 && std::isfinite(e); }))
+      throw Error(path.string() + ": tensor 'effort': expected a number above zero for each height");
+  }
   std::array<double, 1> depth{};
   file.read<double>("depth", depth);
   f.depth = depth[0];
@@ -124,9 +146,10 @@ void write_family(const fs::path& path, const MotionFamily& f) {
   add(file, "stance", f.stance);
   add(file, "phase", f.phase);
   add(file, "parts", f.parts);
-  add(file, "times", std::vector<int>{f.end, f.hold_from, f.hold_to, f.regulated});
+  add(file, "times", std::vector<int>{f.end, f.hold_from, f.hold_to, f.placed});
   const std::array<double, 1> depth{f.depth};
   file.add<double>("depth", {1}, depth);
+  if (!f.effort.empty()) file.add<double>("effort", {f.effort.size()}, f.effort);
   io::write_safetensors(path, file);
 }
 

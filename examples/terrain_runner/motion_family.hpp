@@ -16,8 +16,9 @@ struct MotionFamily {
   std::vector<Eigen::MatrixXd> targets, poses, velocities;  ///< of each height: nq x ticks, nq x (ticks + 1), nv x (ticks + 1)
   std::vector<int> stance, phase, parts;                    ///< of each tick: foot (0 right, 1 left), law, offset
   int end = 0;                                              ///< tick at which running begins again, with a step on the right foot
-  int regulated = 0;                                        ///< ticks from the begin on that a regulator keeps to the motion
+  int placed = 0;                                           ///< tick from which on it is all one where on the ground it is done
   int hold_from = 0, hold_to = 0;                           ///< ticks in which the right hand may hold on to the obstacle
+  std::vector<double> effort;                               ///< of each height, what a regulator's effort costs, 1/rad^2; empty: as usual
   double depth = 0;                                         ///< of the obstacle along the way, m; 0: it has no other side
 
   int ticks() const { return static_cast<int>(stance.size()); }
@@ -27,6 +28,10 @@ struct MotionFamily {
   traceur::control::Controller controller(const traceur::sim::Model& model, const traceur::control::Roles& roles,
                                           const traceur::control::Controller& gait, std::size_t k) const;
 };
+
+/// A motion in the mirror, which begins with a step on the other foot. Laws and offsets are seen from the stance foot, so the
+/// same numbers do for both.
+traceur::control::Controller mirrored(const traceur::sim::Model& model, const traceur::control::Roles& roles, traceur::control::Controller c);
 
 /// Throws traceur::Error that names the file when it is not one of the model's, or numbers in it cannot be.
 MotionFamily read_family(const std::filesystem::path& path, const traceur::sim::Model& model);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "options.hpp"
 
+#include <random>
+
 #include "../common/command_line.hpp"
 #include "../common/results.hpp"
 #include "traceur/core/error.hpp"
@@ -15,7 +17,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   Options o;
   fs::path resume;
   CLI::App app(
-      "terrain_runner teaches a simulated character to run at any speed and turn and to leap up steps (train), sends it over a\n"
+      "terrain_runner teaches a simulated character to run at any speed and turn, jump, vault and drop-roll (train), sends it over a\n"
       "random course (run), and over many (evaluate); plot shows what was learned, and\n"
       "compare explores what running can do in two ways.",
       "terrain_runner");
@@ -34,8 +36,9 @@ std::optional<Options> read_options(int argc, char** argv) {
     c->add_option("SKILLS", o.skills, "folder that train wrote (default: the examples' own)")->type_name("DIR");
   for (CLI::App* c : {run, evaluate}) {
     c->add_option("--obstacles", o.obstacles, "of a course (default 2)")->check(CLI::Range(1, 100));
-    c->add_option("--jump", o.heights[index_of(Kind::jump)], "lowest and highest step up, m (default 0.1 0.25)")->check(CLI::Range(0.05, 0.8));
-    c->add_option("--vault", o.heights[index_of(Kind::vault)], "lowest and highest box, m (default 0.6 0.8)")->check(CLI::Range(0.3, 1.5));
+    c->add_option("--jump", o.heights[index_of(Kind::jump)], "lowest and highest step up, m (default: as learned)")->check(CLI::Range(0.05, 0.8));
+    c->add_option("--vault", o.heights[index_of(Kind::vault)], "lowest and highest box, m (default: as learned)")->check(CLI::Range(0.3, 1.5));
+    c->add_option("--drop", o.heights[index_of(Kind::drop)], "lowest and highest cliff down, m (default: as learned)")->check(CLI::Range(0.5, 3.0));
   }
   evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
   evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, recovery, blending or interpolation")
@@ -43,18 +46,21 @@ std::optional<Options> read_options(int argc, char** argv) {
   evaluate->add_flag("--ablations", o.ablations, "the same courses with the whole system and without each part in turn");
   evaluate->add_flag("--approach", o.approach, "no courses: one obstacle of default height, started 30 to 100 m before it");
   evaluate->add_option("--trials", o.trials, "of --approach, evenly spaced (default 701, every 0.1 m)")->check(CLI::Range(2, 701));
+  bool fresh = false;
+  CLI::Option* choose = run->add_flag("--fresh", fresh, "a course that nobody has seen: a seed of the moment, which is said");
   run->add_flag("--live", o.live, "no faster than real time, and say where the runner is");
   std::vector<std::string> names;
   for (CLI::App* c : {train, run, evaluate})
-    c->add_option("--kinds", names, "obstacles: jump, vault (default: all that the skills are for)")
+    c->add_option("--kinds", names, "obstacles: jump, vault, drop (default: all that the skills are for)")
         ->delimiter(',')
         ->allow_extra_args(false)
-        ->check(CLI::IsMember({"jump", "vault"}));
+        ->check(CLI::IsMember({"jump", "vault", "drop"}));
   for (CLI::App* c : {train, run, evaluate, plot, compare}) {
     c->add_option("--character", o.character, "body to simulate, MJCF (default: the examples' humanoid)");
     c->add_option("--out", o.out, "folder for the results");
     c->add_option("--report", o.report, "report file, JSON (default: report.json in the --out folder)");
-    c->add_option("--seed", o.seed, "of all random numbers (default 1)");
+    CLI::Option* seed = c->add_option("--seed", o.seed, "of all random numbers (default 1)");
+    if (c == run) choose->excludes(seed);
     c->add_option("--threads", o.threads, "number of threads, 0 for all (default); results do not depend on it")->check(CLI::Range(0, 1024));
     c->add_flag("--quick", o.quick, "a run of under a minute, with less effort and poorer results");
   }
@@ -76,7 +82,7 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (!o.approach && evaluate->count("--trials") > 0) throw traceur::Error("--trials: expected with --approach");
   for (const Kind kind : kinds) {
     const auto& range = o.heights[index_of(kind)];
-    if (range[1] < range[0]) throw traceur::Error(std::string("--") + name_of(kind) + ": expected the lowest first");
+    if (range && (*range)[1] < (*range)[0]) throw traceur::Error(std::string("--") + name_of(kind) + ": expected the lowest first");
     if (std::find(names.begin(), names.end(), name_of(kind)) != names.end()) o.kinds.push_back(kind);
   }
   const fs::path own = absolute_path(example::default_character()).parent_path().parent_path() / "skills";
@@ -85,6 +91,7 @@ std::optional<Options> read_options(int argc, char** argv) {
     o.learn_gait = false;
   }
   if (o.command != Command::train && o.skills.empty()) o.skills = own;
+  if (fresh) o.seed = std::random_device{}() % 1000000;
   if (o.quick && o.command == Command::evaluate && evaluate->count("--courses") == 0) o.courses = 16;
   return o;
 }

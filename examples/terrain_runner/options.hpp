@@ -31,7 +31,7 @@ struct Options {
   std::int64_t runs = 0;    ///< compare: of each way to explore; 0 for as many as training has
   int obstacles = 2;    ///< of a course
   std::vector<Kind> kinds;  ///< of obstacles
-  OfKinds<std::array<double, 2>> heights{{{0.1, 0.25}, {0.6, 0.8}}};  ///< lowest and highest of each kind, m
+  OfKinds<std::optional<std::array<double, 2>>> heights;  ///< lowest and highest of each kind, m; none: as they were learned
   bool live = false;        ///< run: no faster than real time
   bool ablations = false;   ///< evaluate: each part left out in turn
   bool approach = false;    ///< evaluate: one obstacle from many distances,

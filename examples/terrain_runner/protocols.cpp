@@ -143,11 +143,11 @@ Json evaluate_approach(const Options& o, const Player& player, const Skills& ski
 
 }  // namespace
 
-Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills)
+Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked, int threads)
     : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
-  body.add_leap(skills.measured->events);
-  for (const Kind kind : kinds)
-    if (skills.family[index_of(kind)]) body.add_family(kind, *skills.family[index_of(kind)]);
+  core::ThreadExecutor executor(threads);
+  for (const Kind kind : asked)
+    if (skills.family[index_of(kind)]) body.add_family(kind, *skills.family[index_of(kind)], executor);
 }
 
 CourseRunner course_runner(const Player& player, const Skills& skills, std::uint64_t seed, const std::string& without) {
@@ -168,9 +168,11 @@ std::vector<Kind> obstacle_kinds(const Options& o, const Skills& skills) {
   for (const Kind kind : kinds) {
     const bool asked = std::find(o.kinds.begin(), o.kinds.end(), kind) != o.kinds.end();
     if (skills.clearing[index_of(kind)] && (o.kinds.empty() || asked)) known.push_back(kind);
+    if (skills.clearing[index_of(kind)] && (o.kinds.empty() || asked) && !skills.family[index_of(kind)])
+      throw Error(o.skills.string() + ": expected " + name_of(kind) + ".safetensors beside " + name_of(kind) + ".txt; train writes both");
     if (asked && !skills.clearing[index_of(kind)]) throw Error(o.skills.string() + ": expected " + name_of(kind) + ".txt; train writes it");
   }
-  if (known.empty()) throw Error(o.skills.string() + ": expected jump.txt or vault.txt; train writes them");
+  if (known.empty()) throw Error(o.skills.string() + ": expected jump.txt, vault.txt or drop.txt; train writes them");
   return known;
 }
 
@@ -178,7 +180,10 @@ CourseShape course_shape(const Options& o, const Skills& skills) {
   CourseShape shape;
   shape.obstacles = o.obstacles;
   shape.kinds = obstacle_kinds(o, skills);
-  shape.heights = o.heights;
+  for (const Kind kind : shape.kinds) {
+    const Eigen::VectorXd& learned = skills.clearing[index_of(kind)]->parameters().axes[0];
+    shape.heights[index_of(kind)] = o.heights[index_of(kind)].value_or(std::array{learned[0], learned[learned.size() - 1]});
+  }
   return shape;
 }
 

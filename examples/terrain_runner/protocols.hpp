@@ -18,7 +18,7 @@ struct ObstacleSize {
   const char* size;
   double default_size;
 };
-inline constexpr OfKinds<ObstacleSize> obstacle_sizes{{{"height of the step, m", 0.2}, {"height of the box, m", 0.7}}};
+inline constexpr OfKinds<ObstacleSize> obstacle_sizes{{{"height of the step, m", 0.2}, {"height of the box, m", 0.7}, {"height of the cliff, m", 1.5}}};
 
 /// The parts that can be left out.
 inline constexpr std::array parts{"planner", "feedback", "recovery", "blending", "interpolation"};
@@ -28,8 +28,8 @@ struct Player {
   Body body;
   RunningModel running;
 
-  /// The model must outlive it.
-  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills);
+  /// Of the kinds of obstacles that are asked for, in `threads` threads (0: all). The model must outlive it.
+  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked, int threads);
 };
 
 /// Runs one course after the other or a pack of them; `without`: one of `parts`, or empty. The player must outlive it.

@@ -12,10 +12,12 @@ using example::Lane;
 namespace {
 
 std::vector<Eigen::MatrixXd> gains_of(sim::Lanes<Lane>& lanes, const sim::Model& model, const control::SimulatedMotion& motion, int steps_per_tick,
-                                      const RightHand& hand) {
-  const control::RegulatorSettings settings;
-  return control::regulator_gains(control::linearize(lanes, model, motion, steps_per_tick, settings, hand), control::regulator_costs(model, settings),
-                                  settings.effort, settings.last);
+                                      const MotionFamily& family, std::size_t k, const RightHand& hand) {
+  control::RegulatorSettings settings;
+  settings.place_until = family.placed;
+  if (!family.effort.empty()) settings.effort = family.effort[k];
+  return control::regulator_gains(control::linearize(lanes, model, motion, steps_per_tick, settings, hand),
+                                  control::regulator_costs(model, settings, motion.ticks()), settings.effort);
 }
 
 }  // namespace
@@ -28,8 +30,8 @@ double regulated_share(const sim::Model& model, const control::Roles& roles, con
   const RightHand hand(model, family.hold_from, family.hold_to);
   const sim::Ground<float> ground = ground_of(hurdle);
   sim::Lanes<Lane> lanes(model, gait.simulation, ground, hand.extras);
-  std::vector<Eigen::MatrixXd> gains = gains_of(lanes, model, motion, gait.steps_per_tick, hand);
-  gains.resize(static_cast<std::size_t>(family.regulated));
+  std::vector<Eigen::MatrixXd> gains = gains_of(lanes, model, motion, gait.steps_per_tick, family, k, hand);
+  gains.resize(static_cast<std::size_t>(family.end));
   const control::TrackingRegulator regulator(model, roles, {1}, {motion}, {gains});
   control::TrackingRegulator::Scratch scratch = control::TrackingRegulator::scratch(model);
   Eigen::VectorXd q(model.nq), d(model.nv);
@@ -48,7 +50,7 @@ double regulated_share(const sim::Model& model, const control::Roles& roles, con
       control::RunningTrials<Lane>::put(lanes, model, l, s);
     }
     lanes.refresh();
-    for (int t = 0; t < family.regulated; ++t) {
+    for (int t = 0; t < family.end; ++t) {
       for (int l = 0; l < width; ++l) {
         for (int i = 7; i < model.nq; ++i) core::set_lane(lanes.target()[i], l, static_cast<float>(motion.targets(i, t)));
         regulator.apply(lanes, l, 1, t, {}, false, scratch);
@@ -73,18 +75,19 @@ double regulated_share(const sim::Model& model, const control::Roles& roles, con
 }
 
 control::TrackingRegulator make_regulator(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, Kind kind,
-                                          const MotionFamily& family) {
+                                          const MotionFamily& family, core::ThreadExecutor& executor) {
   const RightHand hand(model, family.hold_from, family.hold_to);
-  std::vector<control::SimulatedMotion> motions;
-  std::vector<std::vector<Eigen::MatrixXd>> gains;
-  for (std::size_t k = 0; k < family.heights.size(); ++k) {
+  std::vector<control::SimulatedMotion> motions(family.heights.size());
+  std::vector<std::vector<Eigen::MatrixXd>> gains(family.heights.size());
+  executor.run(static_cast<int>(family.heights.size()), [&](int job, int) {
+    const auto k = static_cast<std::size_t>(job);
     const control::Controller c = family.controller(model, roles, gait, k);
-    motions.push_back({c.targets, c.reference.poses, c.reference.velocities});
+    motions[k] = {c.targets, c.reference.poses, c.reference.velocities};
     const sim::Ground<float> ground = ground_of(hurdle_of(kind, family.heights[k], family.depth));
     sim::Lanes<Lane> lanes(model, gait.simulation, ground, hand.extras);
-    gains.push_back(gains_of(lanes, model, motions.back(), gait.steps_per_tick, hand));
-    gains.back().resize(static_cast<std::size_t>(family.regulated));
-  }
+    gains[k] = gains_of(lanes, model, motions[k], gait.steps_per_tick, family, k, hand);
+    gains[k].resize(static_cast<std::size_t>(family.end));
+  });
   return {model, roles, family.heights, std::move(motions), gains};
 }
 

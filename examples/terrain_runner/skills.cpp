@@ -18,7 +18,6 @@ namespace fs = std::filesystem;
 namespace {
 
 const std::vector<double> gait_amplitudes{0.5, 0.75, 1, 1.25, 1.5};
-const std::vector<double> leap_heights{0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8};
 
 std::optional<Measured> read_measured(const fs::path& path, int ticks) {
   if (!fs::exists(path)) return std::nullopt;
@@ -116,7 +115,9 @@ control::Manoeuvre ObstacleSkill::manoeuvre(const Eigen::VectorXd& x, double hei
   m.rise = hurdle(height).rise;
   m.end = end;
   // A sampled motion begins with running as it is.
-  m.blend_in = kind == Kind::jump;
+  m.blend_in = !regulator;
+  if (regulator) m.steps_out = 2;
+  m.slide = slide;
   m.regulator = regulator.get();
   m.size = height;
   m.in_mirror = side == 0;
@@ -135,6 +136,7 @@ control::Hurdle ObstacleSkill::hurdle(double height) const { return hurdle_of(ki
 
 control::Hurdle hurdle_of(Kind kind, double height, double depth) {
   if (kind == Kind::vault) return control::Hurdle::box(height, depth);
+  if (kind == Kind::drop) return control::Hurdle::step(-height);
   return control::Hurdle::step(height);
 }
 
@@ -165,23 +167,7 @@ void Body::add(Kind kind, const std::array<std::vector<control::Controller>, 2>&
   s.speed = s.speed_out = wide.table.speed();
 }
 
-void Body::add_leap(const GaitEvents& events) {
-  std::array<std::vector<control::Controller>, 2> motions;
-  LeapShape shape;
-  shape.speed = wide.table.speed();
-  Leap last;
-  for (const double h : leap_heights) {
-    last = make_leap(*model, roles, gait, events, h, shape);
-    motions[0].push_back(mirrored(*model, roles, last.controller));
-    motions[1].push_back(last.controller);
-  }
-  add(Kind::jump, motions, leap_heights, last.parts, 2, leap_parts);
-  ObstacleSkill& s = skills[index_of(Kind::jump)];
-  s.distance = last.distance;
-  s.end = last.end;
-}
-
-void Body::add_family(Kind kind, const MotionFamily& family) {
+void Body::add_family(Kind kind, const MotionFamily& family, core::ThreadExecutor& executor) {
   std::array<std::vector<control::Controller>, 2> motions;
   for (std::size_t k = 0; k < family.heights.size(); ++k) {
     motions[1].push_back(family.controller(*model, roles, gait, k));
@@ -194,7 +180,9 @@ void Body::add_family(Kind kind, const MotionFamily& family) {
   s.hold_from = family.hold_from;
   s.hold_to = family.hold_to;
   s.depth = family.depth;
-  s.regulator = std::make_shared<control::TrackingRegulator>(make_regulator(*model, roles, gait, kind, family));
+  // What matters about a cliff is not to step over its edge.
+  if (kind == Kind::drop) s.slide = 0.4;
+  s.regulator = std::make_shared<control::TrackingRegulator>(make_regulator(*model, roles, gait, kind, family, executor));
 }
 
 }  // namespace terrain_runner

@@ -7,9 +7,10 @@
 #include <optional>
 
 #include "kinds.hpp"
-#include "leap.hpp"
+#include "gait_clock.hpp"
 #include "motion_family.hpp"
 #include "traceur/control/clearing.hpp"
+#include "traceur/core/executor.hpp"
 #include "traceur/parameterize/continuation.hpp"
 #include "traceur/plan/step_planner.hpp"
 
@@ -32,14 +33,14 @@ struct Measured {
 ///     gait.json           the gait, simulated: a controller
 ///     running.txt         controls over turn (degrees per step) and speed: a continuation, at any point of its work
 ///     measured.json       what was measured of running
-///     jump.txt            controls over the height of a step, as running.txt; likewise vault.txt
-///     vault.safetensors   the vault as it was simulated without feedback: a family of motions
+///     jump.safetensors    the jump as it was simulated without feedback: a family of motions; likewise of the vault and the drop
+///     jump.txt            controls over the height of a step, as running.txt; likewise vault.txt and drop.txt
 struct Skills {
   control::Controller gait;
   std::optional<traceur::parameterize::Continuation> running;
   std::optional<Measured> measured;
   OfKinds<std::optional<traceur::parameterize::Continuation>> clearing;
-  OfKinds<std::optional<MotionFamily>> family;  ///< none of the jump, which is authored
+  OfKinds<std::optional<MotionFamily>> family;
 };
 
 /// Reads what is there of a folder. Throws traceur::Error when the gait is missing or a file is not what it should be.
@@ -93,6 +94,7 @@ struct ObstacleSkill {
   double end = 0;        ///< tick
   double hold_from = 0, hold_to = 0;  ///< ticks
   double depth = 0;      ///< m
+  double slide = 0;      ///< m, how far from its place it may be done
   std::shared_ptr<const control::TrackingRegulator> regulator;  ///< of a sampled motion
 
   bool known() const { return end > 0; }
@@ -110,7 +112,7 @@ sim::Ground<float> ground_of(const control::Hurdle& hurdle);
 
 /// Keeps runners on a family's motions, from linearizing the simulator about each.
 control::TrackingRegulator make_regulator(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, Kind kind,
-                                          const MotionFamily& family);
+                                          const MotionFamily& family, traceur::core::ThreadExecutor& executor);
 
 /// Starts from which a regulator is tried: perturbed by up to so much.
 struct RegulatedStarts {
@@ -135,9 +137,7 @@ struct Body {
 
   Body(const sim::Model& m, const control::Roles& r, const control::Controller& gait);
   const ObstacleSkill& skill(Kind kind) const { return skills[index_of(kind)]; }
-  /// Authors the leap, from where the gait's feet are on the ground.
-  void add_leap(const GaitEvents& events);
-  void add_family(Kind kind, const MotionFamily& family);
+  void add_family(Kind kind, const MotionFamily& family, traceur::core::ThreadExecutor& executor);
 
 private:
   void add(Kind kind, const std::array<std::vector<control::Controller>, 2>& motions, const std::vector<double>& heights,

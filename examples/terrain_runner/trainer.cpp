@@ -73,6 +73,13 @@ control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
 
 }  // namespace
 
+RegulatedStarts Effort::regulated_starts(Kind kind) {
+  RegulatedStarts starts;
+  // Whoever comes too far or not far enough drops there.
+  if (kind == Kind::drop) starts.place = 0;
+  return starts;
+}
+
 Effort Effort::of(bool quick, std::uint64_t seed) {
   Effort e;
   e.gait.run.seed = e.running.run.seed = seed;
@@ -95,16 +102,18 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   e.turns = spaced(0, 6, 4);
   e.speeds = spaced(2, 5, 7);
   e.running.starts = 8;
-  // One manoeuvre for all of them: between those that were found apart there is worse.
-  ManoeuvreEffort& jump = e.kinds[index_of(Kind::jump)];
-  jump.heights = jump.round_heights = {0.1, 0.15, 0.2, 0.25};
-  ManoeuvreEffort& vault = e.kinds[index_of(Kind::vault)];
-  vault.family_heights = {0.6, 0.65, 0.7, 0.75, 0.8};
-  vault.round_heights = spaced(0.6, 0.8, std::min(8, core::lane_count<Lane>));
-  vault.heights = spaced(0.6, 0.8, 5);
-  vault.first_height = 0.7;
-  vault.rounds = 4;
-  e.first_clearing.seed = e.clearing.seed = seed;
+  const auto family = [&](Kind kind, double first, double last, int plans_at) {
+    constexpr double every = 0.05;  // m
+    ManoeuvreEffort& m = e.kinds[index_of(kind)];
+    m.family_heights = spaced(first, last, plans_at);
+    m.round_heights = spaced(first, last, std::min(8, core::lane_count<Lane>));
+    m.heights = spaced(first, last, 1 + static_cast<int>(std::lround((last - first) / every)));
+    m.first_height = m.heights[m.heights.size() / 2];
+  };
+  family(Kind::jump, 0.1, 0.5, 5);
+  family(Kind::vault, 0.6, 0.8, 5);
+  family(Kind::drop, 0.9, 2.0, 12);
+  e.clearing.seed = seed;
   // States of courses are as they are; what is not steady after so many steps falls later.
   e.clearing.place = 0.1;
   e.clearing.velocity = 0.1;
@@ -117,26 +126,20 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     e.running_evaluations = 2000;
     e.hardest_push = e.running.run.push;
     e.hardest_wander = e.running.run.wander;
-    jump.heights = {0.1, 0.15};
-    jump.first_height = 0.1;
-    jump.round_heights = {0.1};
-    jump.first_generations = 80;
-    vault.family_heights = vault.heights = {0.6, 0.7};
-    vault.round_heights = {0.6};
-    vault.first_height = 0.6;
-    vault.sampling_rounds = 2;
-    vault.plans = 1;
-    vault.first_generations = 10;
-    for (ManoeuvreEffort& k : e.kinds) k.first_share = k.share = 0;
+    for (ManoeuvreEffort& k : e.kinds) {
+      k.family_heights = k.heights = {k.family_heights[0], k.family_heights[1]};
+      k.round_heights = {k.heights[0]};
+      k.first_height = k.heights[0];
+      k.sampling_rounds = 2;
+      k.plans = 1;
+      k.share = 0;
+    }
     e.clearing_trials = 16;
-    for (ManoeuvreEffort& k : e.kinds) k.rounds = 1;
     e.round_generations = e.recovery_generations = 10;
     e.arrival_courses = e.choice_courses = 16;
-    e.first_clearing.place = e.first_clearing.velocity = 0.05;
-    e.first_clearing.steps_after = 2;
-    e.clearing = e.first_clearing;
+    e.clearing.place = e.clearing.velocity = 0.05;
+    e.clearing.steps_after = 2;
     e.gait.generations = e.running.generations = 20;
-    e.clearing_generations = 20;
     e.max_attempts = 1;
   }
   return e;
@@ -265,8 +268,7 @@ GaitEvents Trainer::watch(const control::Controller& gait, const Continuation& r
   return events;
 }
 
-std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen::VectorXd& x, double speed, std::uint64_t stream) {
-  control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
+control::RunningSettings Trainer::settings_of_states(std::uint64_t stream) const {
   control::RunningSettings e;
   e.cycles = 10;
   e.seed = effort_.running.run.seed;
@@ -274,7 +276,17 @@ std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen
   // As courses have them: after steps at other speeds, and not quite straight.
   e.push = 0.5 * effort_.running.run.push;
   e.wander = effort_.running.run.wander;
-  return control::running_states(trials, model_, body.wide, {0, speed}, x, e, 32);
+  return e;
+}
+
+std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen::VectorXd& x, double speed, std::uint64_t stream) {
+  control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
+  return control::running_states(trials, model_, body.wide, {0, speed}, x, settings_of_states(stream), 32);
+}
+
+control::Controller Trainer::steady_running(const Body& body, const Eigen::VectorXd& control, double speed) {
+  control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
+  return control::resimulated(trials, model_, roles_, body.gait, body.wide, control, speed, settings_of_states(state_stream));
 }
 
 Trainer::OnCourses Trainer::run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
@@ -319,17 +331,12 @@ std::vector<control::RunningState> Trainer::arrivals(Kind kind, const RunningMod
 MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, const Body& body, const GaitEvents& events) {
   const ManoeuvreEffort& effort = effort_.kinds[index_of(kind)];
   const control::Controller& gait = body.gait;
-  // It begins as runners on courses are when they begin it, which is not quite as the gait's own reference is.
+  // It begins and ends as runners on courses are, which is not quite as the gait's own reference is.
   const double speed = body.wide.table.speed();
-  control::detail::PoseMean poses;
-  Eigen::VectorXd velocity = Eigen::VectorXd::Zero(model_.nv);
-  const auto begins = states(body, running({0, speed}), speed, state_stream);
-  for (const control::RunningState& state : begins) {
-    poses.add(model_, state.pose);
-    velocity += state.velocity / static_cast<double>(begins.size());
-  }
-  const Eigen::VectorXd pose = poses.mean(model_);
-  const GaitClock clock(model_, gait, events);
+  const Eigen::VectorXd control = running({0, speed});
+  const control::Controller steady = steady_running(body, control, speed);
+  GaitClock clock(model_, steady, events);
+  clock.rate = 1 / control[body.wide.shape.beta()];
   control::SamplingParameters p;
   p.steps_per_tick = gait.steps_per_tick;
   p.seed = effort_.clearing.seed;
@@ -342,29 +349,24 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
   w.root_rotation = 10;
   w.root_angular_velocity = 0.2;
   const control::TrackingCost cost(model_, roles_, control::tracked_points(model_, roles_), w);
+  const RegulatedStarts starts = Effort::regulated_starts(kind);
   MotionFamily f;
   std::size_t family_size = 0;
   for (const double h : effort.family_heights) {
-    Authored a = author_vault(model_, roles_, clock, h);
-    control::TrackingReference& r = a.reference;
-    const Eigen::Vector3d center = r.center_of_mass.col(0);
-    r.poses.col(0) = pose;
-    r.poses.col(0).head<2>() += center.head<2>();
-    r.velocities.col(0) = velocity;
-    control::measure_reference(model_, roles_, cost.points(), r);
+    Authored a = author(kind, model_, roles_, clock, h);
+    a.reference.velocities.col(0) = steady.reference.velocities.col(clock.left_step);
+    control::measure_reference(model_, roles_, cost.points(), a.reference);
     const control::Hurdle hurdle = hurdle_of(kind, h, a.depth);
     const ClearingAid aid(model_, roles_, hurdle, a.hold_from, a.hold_to);
     p.targets = a.targets;
     const auto ground = ground_of(hurdle);
-    const int ticks = a.end + gait.ticks() / 2;
-    const auto first = [&](const std::vector<int>& all) { return std::vector<int>(all.begin(), all.begin() + ticks); };
     MotionFamily one;
     one.heights = {h};
-    one.stance = first(a.stance);
-    one.phase = first(a.phase);
-    one.parts = first(a.parts);
+    one.stance = a.stance;
+    one.phase = a.phase;
+    one.parts = a.parts;
     one.end = a.end;
-    one.regulated = a.regulated;
+    one.placed = a.placed;
     one.hold_from = a.hold_from;
     one.hold_to = a.hold_to;
     one.depth = a.depth;
@@ -376,10 +378,10 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       const control::SampledControl s = control::sample_control<Lane>(
           model_, gait.simulation, ground, cost, a.reference, p, executor_, [](int, double) { return !interruption_asked(); }, aid);
       if (interruption_asked()) throw Interrupted{};
-      one.targets = {s.targets.leftCols(ticks)};
-      one.poses = {s.poses.leftCols(ticks + 1)};
-      one.velocities = {s.velocities.leftCols(ticks + 1)};
-      const double share = regulated_share(model_, roles_, gait, hurdle, one, 0);
+      one.targets = {s.targets};
+      one.poses = {s.poses};
+      one.velocities = {s.velocities};
+      const double share = regulated_share(model_, roles_, gait, hurdle, one, 0, starts);
       progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts", h, plan + 1, 100 * s.mean_joint_error, 100 * share));
       if (share <= best) continue;
       best = share;
@@ -404,7 +406,7 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       f.phase = one.phase;
       f.parts = one.parts;
       f.end = one.end;
-      f.regulated = one.regulated;
+      f.placed = one.placed;
       f.hold_from = one.hold_from;
       f.hold_to = one.hold_to;
       f.depth = one.depth;
@@ -412,6 +414,29 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
   }
   write_family(folder_ / (std::string(name_of(kind)) + ".safetensors"), f);
   return f;
+}
+
+void Trainer::choose_efforts(Kind kind, const Body& body, MotionFamily& family) {
+  constexpr std::array efforts{10.0, 3.0, 30.0};
+  const std::size_t count = family.heights.size();
+  std::vector<double> shares(count * efforts.size());
+  executor_.run(static_cast<int>(shares.size()), [&](int job, int) {
+    if (interruption_asked()) return;
+    const std::size_t k = static_cast<std::size_t>(job) / efforts.size();
+    MotionFamily one = family;
+    one.effort.assign(count, efforts[static_cast<std::size_t>(job) % efforts.size()]);
+    shares[static_cast<std::size_t>(job)] =
+        regulated_share(model_, roles_, body.gait, hurdle_of(kind, family.heights[k], family.depth), one, k, Effort::regulated_starts(kind));
+  });
+  if (interruption_asked()) throw Interrupted{};
+  family.effort.clear();
+  for (std::size_t k = 0; k < count; ++k) {
+    const auto* of = shares.data() + k * efforts.size();
+    const auto best = std::max_element(of, of + efforts.size()) - of;
+    family.effort.push_back(efforts[static_cast<std::size_t>(best)]);
+    progress_(name_of(kind), text("over %.2f m: effort %.0f, kept to from %.0f %% of starts", family.heights[k], family.effort[k], 100 * of[best]));
+  }
+  write_family(folder_ / (std::string(name_of(kind)) + ".safetensors"), family);
 }
 
 /// Trials of one way to clear obstacles of several heights, many at a time.
@@ -426,9 +451,8 @@ public:
       : settings(trial), skill_(&body.skill(kind)), heights_(std::move(heights)), executor_(owner.executor_), states_(std::move(states)), running_(&running),
         workers_(static_cast<std::size_t>(executor_.concurrency())) {
     if (width % heights_.size() != 0) throw Error("manoeuvre: expected a number of heights that divides " + std::to_string(width));
-    settings.follow_reference = kind != Kind::jump;
-    settings.uncleared = kind != Kind::jump ? 4 : 0;
-    full_ = settings;
+    settings.follow_reference = true;
+    settings.uncleared = 4;
     for (const double h : heights_) grounds_.push_back(ground_of(skill_->hurdle(h)));
     make_ = [this, &owner, &body] {
       const control::Controller& gait = body.gait;
@@ -439,11 +463,6 @@ public:
     };
   }
 
-  /// Starts from now on are perturbed by so much (0 to 1) of what they should be.
-  void ease(double difficulty) {
-    settings.place = difficulty * full_.place;
-    settings.velocity = difficulty * full_.velocity;
-  }
   const std::vector<double>& heights() const { return heights_; }
   const ObstacleSkill& skill() const { return *skill_; }
   /// Starts of `per` of each candidate, numbered from `first`: `manoeuvre(candidate, height)`.
@@ -471,7 +490,6 @@ private:
   std::size_t height_of(int lane) const { return static_cast<std::size_t>(lane) % heights_.size(); }
 
   const ObstacleSkill* skill_;
-  control::ClearingSettings full_;
   std::vector<double> heights_;
   std::vector<sim::Ground<float>> grounds_;
   core::ThreadExecutor& executor_;
@@ -487,7 +505,6 @@ struct Trainer::Search {
   double share = 0;          ///< of trials that must do what is asked for
   std::vector<int> free;     ///< which of its numbers
   int starts = 4, generations = 80;
-  double difficulty = 1;     ///< of the first generation
   double sigma = 0.4;
   std::uint64_t seed = 1;
 };
@@ -522,7 +539,6 @@ Trainer::Found Trainer::search(Trials& trials, const Search& s) {
     cp.scale[i] = scale[s.free[static_cast<std::size_t>(i)]];
     begin[i] = s.begin[s.free[static_cast<std::size_t>(i)]];
   }
-  optimize::CmaEs cma(begin, cp);
   Found r;
   double best = std::numeric_limits<double>::infinity();
   bool done = false;
@@ -544,25 +560,21 @@ Trainer::Found Trainer::search(Trials& trials, const Search& s) {
     done = good == effort_.clearing_trials && cost < effort_.clearing_good_cost;
   };
   consider(s.begin);
-  double difficulty = s.difficulty;
+  if (s.generations == 0) return r;
+  optimize::CmaEs cma(begin, cp);
   Eigen::VectorXd costs(population);
   std::vector<control::Manoeuvre> m;
   for (int g = 0; g < s.generations && !done && !interruption_asked(); ++g) {
     const Eigen::MatrixXd& x = cma.ask();
     m.clear();
     for (int k = 0; k < population; ++k) manoeuvres(whole(x.col(k)), m);
-    trials.ease(difficulty);
     const auto out = trials.run(population, s.starts, 1000 + static_cast<std::uint64_t>(g), [&](int k, int h) -> const control::Manoeuvre& {
       return m[static_cast<std::size_t>(k) * heights.size() + static_cast<std::size_t>(h)];
     });
-    trials.ease(1);
     costs.setZero();
-    int survived = 0;
     for (std::size_t i = 0; i < out.size(); ++i) {
       costs[static_cast<Eigen::Index>(i) / s.starts] += out[i].cost / s.starts;
-      survived += out[i].survived;
     }
-    if (3 * survived > static_cast<int>(out.size())) difficulty = std::min(1.0, difficulty + 0.1);
     r.evaluations += static_cast<std::int64_t>(out.size());
     cma.tell(costs);
     if (g % 10 == 9) consider(whole(cma.mean()));
@@ -585,54 +597,15 @@ Continuation Trainer::learn_clearing(Kind kind, const RunningModel& running, con
     if (interruption_asked()) throw Interrupted{};
   };
   const double h = effort.first_height;
-  const bool sampled = kind != Kind::jump;
-  Eigen::VectorXd x;
+  // A regulator keeps it on its way already: a law has but to learn what is left.
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(n.size());
+  x[n.beta()] = 1;
   // What was learned already is improved.
   const bool known = from && from->parameters().axes[0] != to_vector(effort.heights);
   if (known) x = from->model()(Eigen::VectorXd::Constant(1, h));
-  if (!from) {
-    const double speed = skill.speed;
-    const Eigen::VectorXd run = running({0, speed});
-    control::ClearingSettings first_trial = effort_.first_clearing;
-    if (sampled) first_trial.place = first_trial.velocity;
-    Trials trials(*this, running, body, kind, {h}, states(body, run, speed, state_stream), first_trial);
-    // Running's own numbers take off too weakly by far for a leap that nobody did before: the first search takes large steps,
-    // others from what it found.
-    Eigen::VectorXd begin = n.first(run);
-    if (sampled) {
-      // Of running, only what makes its steps stable is of use.
-      const int law = n.shape.law.phase_size();
-      begin.head(n.laws() - law).setZero();
-      begin.segment(n.laws(), n.offsets()).setZero();
-      begin[n.beta()] = 1;
-    }
-    Search s{begin, effort.first_share, range(0, n.recovery()), effort_.first_starts, effort.first_generations / 2, 0.2, 2.5 * effort_.clearing_sigma, effort_.clearing.seed};
-    if (sampled) {
-      // A regulator keeps it on its way already: a law has but to learn what is left.
-      s.free = range(0, n.laws());
-      s.generations = effort.first_generations;
-      s.difficulty = 1;
-      s.sigma = effort_.clearing_sigma;
-    }
-    Found first = search(trials, s);
-    progress_(name, text("%.2f m, first: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
-    for (int again = 0; again < 4 && !first.works; ++again) {
-      check();
-      s.begin = first.control;
-      s.generations = effort.first_generations;
-      s.difficulty = sampled ? 1 : 0.4;
-      s.sigma = effort_.clearing_sigma;
-      s.seed += 1;
-      first = search(trials, s);
-      progress_(name, text("%.2f m: cost %.3g, %.0f %% of trials", h, first.cost, 100 * first.share));
-    }
-    check();
-    if (!first.works) throw Error(std::string(name) + ": the first obstacle cannot be cleared");
-    x = first.control;
-  }
   if (!from || known) {
-    // Trials end ten steps after a leap, courses do not, and what is better in one may be worse in the other: of what the
-    // rounds lead to, with transOut's own numbers and without, that is kept which clears most steps of courses.
+    // Trials end ten steps after a manoeuvre, courses do not, and what is better in one may be worse in the other: of what the
+    // rounds lead to, with transOut's own numbers and without, that is kept which clears most obstacles of courses.
     Eigen::VectorXd best;
     int most = -1;
     const auto on_courses = [&](const Eigen::VectorXd& candidate) {
@@ -643,25 +616,25 @@ Continuation Trainer::learn_clearing(Kind kind, const RunningModel& running, con
       }
       return r;
     };
+    const auto begins = [&](int round) {
+      return arrivals(kind, running, body, [&](double) { return x; }, length, static_cast<std::uint64_t>(round * effort_.arrival_courses));
+    };
+    // A simulated motion has its place before the obstacle, and runners tend to begin before they are there.
+    const auto off = begins(0);
+    for (const control::RunningState& state : off) x[n.distance()] += state.off / static_cast<double>(off.size());
+    progress_(name, text("on %d courses of ten %d obstacles cleared by the regulator alone", effort_.choice_courses, on_courses(x).cleared));
     for (int round = 0; round < effort.rounds; ++round) {
-      const auto first_course = static_cast<std::uint64_t>(round * effort_.arrival_courses);
-      auto found = arrivals(kind, running, body, [&](double) { return x; }, length, first_course);
-      if (sampled) {
-        // A simulated motion has its place before the obstacle, and runners tend to begin before they are there.
-        x[n.distance()] = 0;
-        for (const control::RunningState& state : found) x[n.distance()] += state.off / static_cast<double>(found.size());
-        found = arrivals(kind, running, body, [&](double) { return x; }, length, first_course);
-      }
+      const auto found = begins(round);
       Trials trials(*this, running, body, kind, effort.round_heights, found, effort_.clearing);
       const auto improve = [&](const char* what, std::vector<int> free, int generations) {
         const Found r = search(
-            trials, {x, 0, std::move(free), effort_.round_starts, generations, 1, effort_.clearing_sigma, effort_.clearing.seed + 10 + static_cast<std::uint64_t>(round)});
+            trials, {x, 0, std::move(free), effort_.round_starts, generations, effort_.clearing_sigma, effort_.clearing.seed + 10 + static_cast<std::uint64_t>(round)});
         check();
         x = r.control;
         progress_(name, text("round %d, %s, from %d states: cost %.3g, %.0f %% of trials", round + 1, what, static_cast<int>(found.size()), r.cost, 100 * r.share));
       };
-      // What a regulator keeps on its way needs but a law for what is left, and offsets would lead it elsewhere.
-      improve("manoeuvre", range(0, sampled ? n.laws() : n.recovery()), effort_.round_generations);
+      // Offsets would lead elsewhere what a regulator keeps on its way.
+      improve("manoeuvre", range(0, n.laws()), effort_.round_generations);
       Eigen::VectorXd plain = x;
       plain.segment(n.recovery(), n.recoveries()).setZero();
       const OnCourses without = on_courses(plain);
@@ -685,9 +658,8 @@ Continuation Trainer::learn_clearing(Kind kind, const RunningModel& running, con
     for (std::size_t i = 0; i < tasks.size(); ++i) {
       const ContinuationTask& t = tasks[i];
       Trials trials(*this, running, body, kind, {t.parameter[0]}, found, effort_.clearing);
-      // Laws stay as they are, so that what lies between two leaps does too.
-      const bool test = t.kind == ContinuationTask::Kind::test;
-      results[i] = search(trials, {t.control, effort.share, range(n.laws(), n.offsets() + 2), effort_.round_starts, test || sampled ? 0 : effort_.clearing_generations, 1, effort_.clearing_sigma, effort_.clearing.seed});
+      // The law stays as it is, so that it does for what lies between as well.
+      results[i] = search(trials, {t.control, effort.share, {}, effort_.round_starts, 0, effort_.clearing_sigma, effort_.clearing.seed});
       check();
     }
     c.tell(results);

@@ -21,14 +21,13 @@ using example::Lane;
 struct ManoeuvreEffort {
   std::vector<double> heights;           ///< nodes, m
   std::vector<double> round_heights;     ///< m; 1, 2, 4 or 8 of them
-  std::vector<double> family_heights;    ///< of a manoeuvre that is sampled: where, m, increasing
-  int sampling_rounds = 14;              ///< and for how long,
-  int plans = 4;                         ///< how often at most,
-  double good_plan = 0.95;               ///< unless from this share of perturbed starts one is kept to
-  double first_height = 0.2;             ///< m: where it is learned from nothing
-  int first_generations = 100;
-  int rounds = 3;                        ///< of states from courses, manoeuvre and transOut
-  double first_share = 0.5, share = 0.85;  ///< of trials that must clear it and run on: at first, and in the end
+  std::vector<double> family_heights;    ///< where it is sampled, m, increasing;
+  int sampling_rounds = 14;              ///< for how long,
+  int plans = 8;                         ///< and how often at most,
+  double good_plan = 0.9;                ///< unless from this share of perturbed starts one is kept to
+  double first_height = 0.2;             ///< m: where the law is first said to do
+  int rounds = 0;                        ///< of states from courses, law and transOut
+  double share = 0.9;                    ///< of trials that must clear it and run on
 };
 
 /// How much is spent on each stage.
@@ -39,9 +38,8 @@ struct Effort {
   control::RunningTask hardest_wander;
   std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
   OfKinds<ManoeuvreEffort> kinds;
-  control::ClearingSettings first_clearing, clearing;  ///< trials of manoeuvres: at first, and from states of courses
-  int clearing_population = 32, clearing_generations = 80, clearing_trials = 64;
-  int first_starts = 4;
+  control::ClearingSettings clearing;    ///< trials of manoeuvres, from states of courses
+  int clearing_population = 32, clearing_trials = 64;
   double clearing_good_cost = 0.8;       ///< with which a search ends early if all its trials clear the obstacle
   double clearing_sigma = 0.4;           ///< first standard deviation, in units of the search's scales
   int round_generations = 150, recovery_generations = 60, round_starts = 8, arrival_courses = 64;
@@ -49,6 +47,7 @@ struct Effort {
   int max_attempts = 2;
 
   static Effort of(bool quick, std::uint64_t seed);
+  static RegulatedStarts regulated_starts(Kind kind);
 };
 
 /// How well one node of the running range is done, on starts that learning never saw.
@@ -79,6 +78,8 @@ public:
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
   /// Simulates a manoeuvre as it was authored, over obstacles of several heights, by sampling control.
   MotionFamily sample_family(Kind kind, const RunningModel& running, const Body& body, const GaitEvents& events);
+  /// Chooses for each height how hard a regulator shall try: from most of perturbed starts it is to keep to the motion.
+  void choose_efforts(Kind kind, const Body& body, MotionFamily& family);
   /// Learns a manoeuvre, improves it and what follows it from states in which manoeuvres on courses begin, and spreads it
   /// over heights.
   traceur::parameterize::Continuation learn_clearing(Kind kind, const RunningModel& running, const Body& body,
@@ -111,6 +112,9 @@ private:
   };
   OnCourses run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                         const traceur::plan::StepLength<double>& length, int obstacles, int count, std::uint64_t first);
+  control::RunningSettings settings_of_states(std::uint64_t stream) const;
+  /// Running as it is in such states, on average: the gait with its reference reset to that.
+  control::Controller steady_running(const Body& body, const Eigen::VectorXd& control, double speed);
   struct Search;
   class Trials;
   /// The same with the share of trials that did what was asked for.

@@ -4,7 +4,6 @@
 
 #include "authored.hpp"
 #include "traceur/control/hand_grip.hpp"
-#include "traceur/control/pd_targets.hpp"
 #include "traceur/motion/blend.hpp"
 #include "traceur/motion/keyframes.hpp"
 
@@ -17,26 +16,18 @@ Authored author_vault(const sim::Model& model, const control::Roles& roles, cons
   const body::Skeleton& sk = model.character.skeleton;
   const double tick = gait.run->tick, gravity = gait.run->simulation.gravity;
   const int flight = shape.flight_ticks;
-  const int fly_at = gait.take_off - gait.left_step, land_at = fly_at + flight, end = land_at + gait.next_right_step - gait.landing,
-            ticks = end + gait.ticks();
-  const auto clock = [&](double t) { return t <= fly_at ? gait.left_step + t : gait.landing + (t - land_at); };
+  const Passage passage(gait, flight, shape.steps_after, shape.steps_beyond);
+  const int fly_at = passage.fly_at, land_at = passage.land_at;
   // Slower over the box, and with its middle under the root halfway.
   const auto pace = [&](double t) {
     const double u = (t - fly_at + 10) / 20, w = (t - land_at + 10) / 20;
     return shape.speed + (shape.slowest - shape.speed) * (motion::smoothstep(std::clamp(u, 0.0, 1.0)) - motion::smoothstep(std::clamp(w, 0.0, 1.0)));
   };
-  std::vector<double> path(static_cast<std::size_t>(ticks) + 1, 0);
-  for (std::size_t t = 1; t < path.size(); ++t) path[t] = path[t - 1] + tick * pace(static_cast<double>(t) - 0.5);
+  Eigen::MatrixXd poses = passage.run(pace);
   const double middle = 0.5 * shape.depth;
-  const double shift = middle - path[static_cast<std::size_t>(fly_at + flight / 2)];
-  for (double& x : path) x += shift;
+  poses.row(0).array() += middle - poses(0, fly_at + flight / 2);
+  const Eigen::VectorXd path = poses.row(0);
 
-  Eigen::MatrixXd poses(model.nq, ticks + 1);
-  for (int t = 0; t <= ticks; ++t)
-    if (t <= fly_at || t >= land_at) {
-      poses.col(t) = gait.pose(clock(t));
-      poses(0, t) += path[static_cast<std::size_t>(t)];
-    }
   const double seconds = flight * tick;
   // The last stance already pushes off as hard as that: the root rises along a parabola that meets the flight's.
   {
@@ -83,7 +74,7 @@ Authored author_vault(const sim::Model& model, const control::Roles& roles, cons
   for (const Way& w : ways) {
     const int t = fly_at + static_cast<int>(std::lround(w.at * flight));
     Eigen::VectorXd q = gait.pose(gait.take_off + w.at * (gait.landing - gait.take_off));
-    q[0] = path[static_cast<std::size_t>(t)];
+    q[0] = path[t];
     q[1] = 0;
     q[2] = ballistic(w.at);
     core::exp_map((std::numbers::pi / 180) * Vector3<double>{w.lean, w.pitch, 0}).store(q.data() + 3);
@@ -114,55 +105,22 @@ Authored author_vault(const sim::Model& model, const control::Roles& roles, cons
   const motion::Clip clip = motion::from_keyframes("vault", sk, keys, 1 / tick, solve);
   for (int t = fly_at + 1; t < land_at; ++t) {
     poses.col(t) = clip.sample((t - (fly_at - 12)) * tick);
-    poses(0, t) = path[static_cast<std::size_t>(t)];
+    poses(0, t) = path[t];
   }
 
-  Authored a;
-  control::TrackingReference& r = a.reference;
-  r.dt = tick;
-  r.poses = poses;
-  r.velocities.resize(model.nv, ticks + 1);
-  const auto differentiate = [&] {
-    for (int t = 0; t <= ticks; ++t) {
-      const int before = std::max(t - 1, 0), after = std::min(t + 1, ticks);
-      Eigen::VectorXd d(model.nv);
-      body::difference(sk, r.poses.col(before).data(), r.poses.col(after).data(), d.data());
-      r.velocities.col(t) = d / ((after - before) * tick);
-    }
-  };
-  differentiate();
-  control::measure_reference(model, roles, {}, r);
-  // The centre of mass flies as gravity has it.
-  const double lift_from = r.center_of_mass(2, fly_at), lift_to = r.center_of_mass(2, land_at);
-  const double speed_up = (lift_to - lift_from) / seconds + 0.5 * gravity * seconds;
-  for (int t = fly_at + 1; t < land_at; ++t) {
-    const double s = (t - fly_at) * tick;
-    r.poses(2, t) += lift_from + s * (speed_up - 0.5 * gravity * s) - r.center_of_mass(2, t);
-  }
-  r.poses.row(1).array() -= r.center_of_mass.row(1).mean();
-  differentiate();
-  control::measure_reference(model, roles, control::tracked_points(model, roles), r);
-
-  const double lead = 0.1;
-  const Eigen::MatrixXd led = control::led_targets(model, r, lead);
-  a.targets.resize(model.nq, ticks);
-  a.stance.assign(static_cast<std::size_t>(ticks), 0);
-  a.phase = a.parts = a.stance;
-  for (int t = 0; t < ticks; ++t) {
+  control::TrackingReference r = passage.reference(poses, roles);
+  fly(r, fly_at, land_at, gravity);
+  Authored a = passage.author(std::move(r), roles);
+  // From the step before, over take-off and the passing of the hand, to the landing and what follows it.
+  const int step_at = passage.step_at, passed_at = fly_at + flight / 2;
+  for (int t = 0; t < passage.ticks; ++t) {
     const auto k = static_cast<std::size_t>(t);
-    const double g = clock(t);
-    const bool flying = t >= fly_at - 4 && t < land_at - 4;
-    a.targets.col(t) = flying ? led.col(t) : gait.target(g);
-    a.targets.col(t).head(7) = r.poses.col(t).head(7);
-    // From the step before, over take-off and the passing of the hand, to the landing and what follows it.
-    a.phase[k] = a.parts[k] = t < gait.right_step - gait.left_step ? 0 : t < fly_at + flight / 2 ? 1 : t < land_at ? 2 : 3;
-    a.stance[k] = t < gait.right_step - gait.left_step ? 1 : t < fly_at + flight / 2 ? 0 : t < end ? 1 : gait.run->stance[static_cast<std::size_t>(gait.of_period(g))];
+    a.phase[k] = a.parts[k] = t < step_at ? 0 : t < passed_at ? 1 : t < land_at ? 2 : 3;
+    if (t >= step_at && t < passage.stand_at) a.stance[k] = t < passed_at ? 0 : 1;
   }
-  a.end = end;
-  a.regulated = end;
   a.depth = shape.depth;
   a.hold_from = fly_at + static_cast<int>(0.1 * flight);
-  a.hold_to = land_at;
+  a.hold_to = a.placed = land_at;
   return a;
 }
 

@@ -3,6 +3,8 @@
 
 #include <doctest/doctest.h>
 
+#include <numbers>
+
 #include "moving_gait.hpp"
 
 using namespace figures;
@@ -64,7 +66,7 @@ TEST_CASE("a manoeuvre goes through transIn, clear and transOut back to running"
   control::Composer c(s.f.model, s.gait, settings);
   c.set_exit(s.exit);
   c.start(s.run, 3, {}, c.step_start(1));
-  c.clear(s.m, {0.2, 5, 1, 0});
+  c.clear(s.m, {0.2, 5, 1, 0}, 3, 0);
   CHECK(c.stage() == RunStage::trans_in);
   CHECK(c.player().blending());
   double x = 3;
@@ -92,6 +94,43 @@ TEST_CASE("a manoeuvre goes through transIn, clear and transOut back to running"
   CHECK(c.at_step());
 }
 
+TEST_CASE("a manoeuvre that may slide is done where it is begun, up to so far from its place") {
+  Course s;
+  s.m.slide = 0.3;
+  const auto frame_from = [&](double off) {
+    control::Composer c(s.f.model, s.gait);
+    c.start(s.run, 3, {}, c.step_start(1));
+    // The obstacle is 5 m ahead along y.
+    c.clear(s.m, {std::numbers::pi / 2, 0, 5, 0.1}, 0.07, 5 - s.m.distance + off);
+    return c.player().frame();
+  };
+  for (const double off : {-0.2, 0.0, 0.1}) {
+    CHECK(frame_from(off).y == doctest::Approx(5 + off));
+    CHECK(frame_from(off).x == doctest::Approx(0));
+    CHECK(frame_from(off).z == 0.1);
+  }
+  CHECK(frame_from(0.5).y == doctest::Approx(5.3));
+  CHECK(frame_from(-2).y == doctest::Approx(4.7));
+  s.m.slide = 0;
+  CHECK(frame_from(0.5).y == doctest::Approx(5));
+}
+
+TEST_CASE("a manoeuvre may have a transOut of its own length") {
+  Course s;
+  s.m.steps_out = 1;
+  control::Composer c(s.f.model, s.gait);
+  c.set_exit(s.exit);
+  c.start(s.run, 3, {}, c.step_start(1));
+  c.clear(s.m, {}, 0, 0);
+  double x = 0;
+  s.wait(c, x);
+  s.wait(c, x);
+  REQUIRE(c.stage() == RunStage::trans_out);
+  c.step(s.exit, 2.8, 0);
+  s.wait(c, x);
+  CHECK(c.stage() == RunStage::run);
+}
+
 TEST_CASE("a manoeuvre's recovery is added to running's numbers during transOut, and only then") {
   Course s;
   s.m.recovery = Eigen::VectorXd::Constant(s.gait.shape.size(), 0.01);
@@ -104,7 +143,7 @@ TEST_CASE("a manoeuvre's recovery is added to running's numbers during transOut,
     for (int i = 0; i < s.gait.shape.size(); ++i) CHECK(c.player().control()[i] == wanted[i]);
   };
   is(s.run);
-  c.clear(s.m, {});
+  c.clear(s.m, {}, 0, 0);
   double x = 0;
   s.wait(c, x);
   s.wait(c, x);
@@ -127,7 +166,7 @@ TEST_CASE("without blending references change at once") {
   control::Composer c(s.f.model, s.gait, settings);
   c.set_exit(s.exit);
   c.start(s.run, 3, {}, 0);
-  c.clear(s.m, {});
+  c.clear(s.m, {}, 0, 0);
   CHECK_FALSE(c.player().blending());
 }
 

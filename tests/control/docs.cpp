@@ -56,7 +56,7 @@ TEST_CASE("docs/control.md") {
   const auto nothing = [](auto&, int) {};
   const auto ticks = control::linearize(lanes, model, motion, sampling.steps_per_tick, settings, nothing);
   const auto gains =
-      control::regulator_gains(ticks, control::regulator_costs(model, settings), settings.effort, settings.last);
+      control::regulator_gains(ticks, control::regulator_costs(model, settings, motion.ticks()), settings.effort);
   const control::TrackingRegulator regulator(model, roles, {1}, {motion}, {gains});
 
   CHECK(regulator.ticks() == static_cast<int>(sampled.targets.cols()));

@@ -41,7 +41,7 @@ struct Floating {
     return control::linearize(lanes, f.model, motion, steps, settings, Nothing{});
   }
   std::vector<Eigen::MatrixXd> gains(const control::RegulatorSettings& settings = {}) const {
-    return control::regulator_gains(linearized(settings), control::regulator_costs(f.model, settings), settings.effort, settings.last);
+    return control::regulator_gains(linearized(settings), control::regulator_costs(f.model, settings, motion.ticks()), settings.effort);
   }
   control::TrackingRegulator regulator(const std::vector<Eigen::MatrixXd>& k) const { return {f.model, f.roles, {1}, {motion}, {k}}; }
 };
@@ -50,7 +50,9 @@ struct Floating {
 
 TEST_CASE("the gain of x' = x + u with unit costs comes to one over the golden ratio, and the last one to p / (1 + p)") {
   const control::LinearizedTick tick{Eigen::MatrixXd::Ones(1, 1), Eigen::MatrixXd::Ones(1, 1)};
-  const auto gains = control::regulator_gains(std::vector<control::LinearizedTick>(60, tick), Eigen::VectorXd::Ones(1), 1, 3);
+  Eigen::MatrixXd costs = Eigen::MatrixXd::Ones(1, 61);
+  costs(0, 60) = 3;
+  const auto gains = control::regulator_gains(std::vector<control::LinearizedTick>(60, tick), costs, 1);
   CHECK(gains.front()(0, 0) == doctest::Approx(2 / (1 + std::sqrt(5.0))).epsilon(1e-12));
   CHECK(gains.back()(0, 0) == doctest::Approx(3.0 / 4));
 }
@@ -65,17 +67,20 @@ TEST_CASE("gains cost no more than any gains near them") {
   std::vector<control::LinearizedTick> ticks;
   for (int t = 0; t < 5; ++t) ticks.push_back({any(4, 4), any(4, 2)});
   const Eigen::VectorXd costs = Eigen::Vector4d(1, 0.3, 2, 0.1);
-  const auto gains = control::regulator_gains(ticks, costs, 0.5, 2);
+  Eigen::MatrixXd of_ticks = costs.replicate(1, 6);
+  of_ticks.col(2) *= 3;
+  of_ticks.col(5) *= 2;
+  const auto gains = control::regulator_gains(ticks, of_ticks, 0.5);
   const Eigen::VectorXd start = any(4, 1);
   const auto cost = [&](const std::vector<Eigen::MatrixXd>& k) {
     Eigen::VectorXd x = start;
     double sum = 0;
     for (std::size_t t = 0; t < ticks.size(); ++t) {
       const Eigen::VectorXd u = -k[t] * x;
-      sum += x.dot(costs.cwiseProduct(x)) + 0.5 * u.squaredNorm();
+      sum += x.dot(of_ticks.col(static_cast<Eigen::Index>(t)).cwiseProduct(x)) + 0.5 * u.squaredNorm();
       x = ticks[t].a * x + ticks[t].b * u;
     }
-    return sum + 2 * x.dot(costs.cwiseProduct(x));
+    return sum + x.dot(of_ticks.col(5).cwiseProduct(x));
   };
   const double least = cost(gains);
   for (int k = 0; k < 20; ++k) {
@@ -83,6 +88,19 @@ TEST_CASE("gains cost no more than any gains near them") {
     other[static_cast<std::size_t>(k % 5)] += 0.1 * any(2, 4);
     CHECK(cost(other) >= least - 1e-9 * least);
   }
+}
+
+TEST_CASE("where it is done costs nothing from the tick on from which that is all one") {
+  const Floating s(2);
+  control::RegulatorSettings settings;
+  settings.place_until = 3;
+  const Eigen::MatrixXd costs = control::regulator_costs(s.f.model, settings, 6), all = control::regulator_costs(s.f.model, {}, 6);
+  REQUIRE(costs.cols() == 7);
+  CHECK(costs.leftCols(3) == all.leftCols(3));
+  CHECK(costs.topRightCorner(2, 4).isZero(0));
+  CHECK(costs.bottomRightCorner(costs.rows() - 2, 4) == all.bottomRightCorner(costs.rows() - 2, 4));
+  CHECK(all.col(6) == settings.last * all.col(0));
+  CHECK_THROWS_WITH(control::regulator_gains(s.linearized(), all.leftCols(2), 1), "regulator: expected costs of every tick and of the end");
 }
 
 TEST_CASE("linearized without weight or contact, the root's place and velocity go on as Newton has it") {
@@ -144,7 +162,7 @@ TEST_CASE("who is on the motion gets the targets as they are, who is off it is b
     for (int l = 0; l < 4; ++l) put(lanes, l, l == 0 ? Eigen::VectorXd(s.motion.poses.col(0)) : bent, rest);
     lanes.refresh();
     double cost = 0;
-    const Eigen::VectorXd costs = control::regulator_costs(s.f.model, {});
+    const Eigen::VectorXd costs = control::regulator_costs(s.f.model, {}, 1).col(0);
     Eigen::VectorXd q(s.f.model.nq), d(s.f.model.nv), x(2 * s.f.model.nv);
     for (int t = 0; t < 30; ++t) {
       for (int l = 0; l < 4; ++l) {
@@ -244,5 +262,5 @@ TEST_CASE("motions and gains that do not belong together are refused") {
   CHECK_THROWS_AS(control::linearize(lanes, s.f.model, cut, 8, {}, Nothing{}), traceur::Error);
   // x' = 10 x, out of reach.
   const control::LinearizedTick wild{10 * Eigen::MatrixXd::Ones(1, 1), Eigen::MatrixXd::Zero(1, 1)};
-  CHECK_THROWS_AS(control::regulator_gains(std::vector<control::LinearizedTick>(20, wild), Eigen::VectorXd::Ones(1), 1, 1), traceur::Error);
+  CHECK_THROWS_AS(control::regulator_gains(std::vector<control::LinearizedTick>(20, wild), Eigen::MatrixXd::Ones(1, 21), 1), traceur::Error);
 }

@@ -199,7 +199,7 @@ public:
       const Eigen::VectorXd before = running(m.speed_in);
       c.set_exit(before);
       c.start(before, from.speed > 0 ? from.speed : m.speed_in, {from.frame.heading, x + from.frame.x, from.frame.y, 0}, c.step_start(1));
-      c.clear(m, {0, 0, 0, 0});
+      c.clear(m, {0, 0, 0, 0}, x, 0);
       alive[k] = l < used;
       const double ticks_of = m.end > 0 ? m.end : m.skill->table.ticks();
       const double whole = ticks_of * m.skill->table.tick() * m.control[m.skill->shape.beta()] + e.steps_after * 0.5 * gait_->table.duration();

@@ -23,6 +23,8 @@ struct Manoeuvre {
   double speed_in = 0;   ///< theta_in, m/s; the turn is zero
   double speed_out = 0;  ///< theta_out, m/s
   double rise = 0;       ///< how much higher the ground is afterwards, m
+  double slide = 0;      ///< m, by how much it may be done before the obstacle or behind it, if it is begun there
+  int steps_out = -1;    ///< running steps of transOut; negative: as many as the composer's settings say
   Eigen::VectorXd recovery{};  ///< what is added to the numbers of running's controls during transOut; empty for nothing
   double end = 0;        ///< phase (ticks) at which running begins again; 0: the table's end. What the table holds beyond it
                          ///< fades out of the reference
@@ -98,13 +100,17 @@ public:
     player_.steer(speed, turn / step_seconds());
     new_step_ = false;
   }
-  /// Begins a manoeuvre with its control (copied), its frame where the obstacle begins.
-  void clear(const Manoeuvre& m, const SkillFrame& obstacle) noexcept {
+  /// Begins a manoeuvre with its control (copied) where the obstacle begins, the centre of mass at (x, y).
+  void clear(const Manoeuvre& m, const SkillFrame& obstacle, double x, double y) noexcept {
     manoeuvre_control_ = m.control;
     manoeuvre_ = &m;
     obstacle_ = obstacle;
+    const double ahead_x = std::cos(obstacle.heading), ahead_y = std::sin(obstacle.heading);
+    const double off = std::clamp(ahead_x * (x - obstacle.x) + ahead_y * (y - obstacle.y) + m.distance, -m.slide, m.slide);
+    obstacle_.x += off * ahead_x;
+    obstacle_.y += off * ahead_y;
     const double seconds = settings_.blend && m.blend_in ? step_seconds() : 0;
-    player_.pass_to(*m.skill, manoeuvre_control_.data(), obstacle, 0, seconds);
+    player_.pass_to(*m.skill, manoeuvre_control_.data(), obstacle_, 0, seconds);
     stage_ = RunStage::trans_in;
     new_step_ = false;
   }
@@ -140,7 +146,8 @@ private:
   }
   void begin_step() noexcept {
     new_step_ = true;
-    if (stage_ == RunStage::trans_out && ++out_steps_ >= settings_.trans_out_steps) stage_ = RunStage::run;
+    if (stage_ != RunStage::trans_out) return;
+    if (++out_steps_ >= (manoeuvre_->steps_out < 0 ? settings_.trans_out_steps : manoeuvre_->steps_out)) stage_ = RunStage::run;
   }
   void leave(double x, double y) noexcept {
     SkillFrame f = obstacle_;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -27,14 +28,15 @@ struct SimulatedMotion {
 /// Costs of being off a motion, all of squares, and the steps by which the simulator is differenced. Contacts begin and end:
 /// steps about as large as what is to be corrected see more of that than small ones.
 struct RegulatorSettings {
-  double root_place = 20;       ///< 1/m^2
-  double root_turn = 100;       ///< 1/rad^2
-  double joints = 1;            ///< 1/rad^2
-  double root_velocity = 5;     ///< s^2/m^2
+  double root_place = 40;       ///< 1/m^2
+  double root_turn = 30;        ///< 1/rad^2
+  double joints = 0.3;          ///< 1/rad^2
+  double root_velocity = 1;     ///< s^2/m^2
   double root_spin = 0.3;       ///< s^2/rad^2
   double joint_velocity = 0.01; ///< s^2/rad^2
   double last = 10;             ///< factor on all of these at the end
-  double effort = 3;            ///< 1/rad^2, of what is added to targets
+  double effort = 10;           ///< 1/rad^2, of what is added to targets
+  int place_until = std::numeric_limits<int>::max();  ///< tick after which it is all one where on the ground the root is
   double pose_step = 0.06;      ///< m, rad
   double velocity_step = 0.6;   ///< m/s, rad/s
   double target_step = 0.15;    ///< rad
@@ -139,12 +141,12 @@ std::vector<LinearizedTick> linearize(sim::Lanes<S>& lanes, const sim::Model& mo
 }
 
 /// Gains K of every tick, u = -K x, that cost least in sum of x' Q x + u' R u over the rest of the motion: Riccati's recursion
-/// backwards in time. Q is `costs`, R is `effort` times the unit matrix, and `last` times Q is the cost of the end. Throws Error
-/// where the numbers outgrow what can be computed with.
-inline std::vector<Eigen::MatrixXd> regulator_gains(const std::vector<LinearizedTick>& ticks, const Eigen::VectorXd& costs, double effort,
-                                                    double last) {
+/// backwards in time. The diagonals of Q are the columns of `costs`, of every tick and of the end; R is `effort` times the unit
+/// matrix. Throws Error where the numbers outgrow what can be computed with.
+inline std::vector<Eigen::MatrixXd> regulator_gains(const std::vector<LinearizedTick>& ticks, const Eigen::MatrixXd& costs, double effort) {
+  if (costs.cols() != static_cast<Eigen::Index>(ticks.size()) + 1) throw Error("regulator: expected costs of every tick and of the end");
   std::vector<Eigen::MatrixXd> gains(ticks.size());
-  Eigen::MatrixXd p = (last * costs).asDiagonal();
+  Eigen::MatrixXd p = costs.rightCols(1).asDiagonal();
   for (std::size_t t = ticks.size(); t-- > 0;) {
     const LinearizedTick& x = ticks[t];
     const Eigen::MatrixXd bp = x.b.transpose() * p;
@@ -154,14 +156,14 @@ inline std::vector<Eigen::MatrixXd> regulator_gains(const std::vector<Linearized
     const Eigen::MatrixXd closed = x.a - x.b * gains[t];
     p = x.a.transpose() * p * closed;
     p = (0.5 * (p + p.transpose())).eval();
-    p.diagonal() += costs;
+    p.diagonal() += costs.col(static_cast<Eigen::Index>(t));
     if (!(p.cwiseAbs().maxCoeff() < 1e12)) throw Error("regulator: costs outgrow all bounds at tick " + std::to_string(t));
   }
   return gains;
 }
 
-/// The diagonal of Q, in the order of x.
-inline Eigen::VectorXd regulator_costs(const sim::Model& model, const RegulatorSettings& s) {
+/// The diagonals of Q, in the order of x, of so many ticks and of the end: 2 nv x (ticks + 1).
+inline Eigen::MatrixXd regulator_costs(const sim::Model& model, const RegulatorSettings& s, int ticks) {
   const int nv = model.nv;
   Eigen::VectorXd q(2 * nv);
   q.head(3).setConstant(s.root_place);
@@ -170,7 +172,10 @@ inline Eigen::VectorXd regulator_costs(const sim::Model& model, const RegulatorS
   q.segment(nv, 3).setConstant(s.root_velocity);
   q.segment(nv + 3, 3).setConstant(s.root_spin);
   q.tail(nv - 6).setConstant(s.joint_velocity);
-  return q;
+  Eigen::MatrixXd costs = q.replicate(1, ticks + 1);
+  costs.rightCols(1) *= s.last;
+  if (s.place_until <= ticks) costs.topRightCorner(2, ticks + 1 - std::max(s.place_until, 0)).setZero();
+  return costs;
 }
 
 /// Keeps characters on a family of simulated motions (the same manoeuvre at obstacles of several sizes, ticks alike) by adding
