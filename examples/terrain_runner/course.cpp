@@ -24,7 +24,7 @@ constexpr double slower_than_balanced = 0.6;     // m/s below cruising: still co
 constexpr double most_turn = 2 * std::numbers::pi / 180;  // rad per step, and over how far the way back to the middle leads,
 constexpr double lookahead = 10;                          // m
 
-/// The state of a lane in which a leap begins, in the mirror if it begins with a step on the right foot.
+/// The state of a lane in which a manoeuvre begins, in the mirror if it begins with a step on the right foot.
 template <class Lane>
 control::RunningState arrival(const sim::Model& model, const control::Roles& roles, const sim::Lanes<Lane>& lanes, int l,
                               const control::SkillPlayer& player, int side, double off) {
@@ -86,14 +86,14 @@ Course random_course(const CourseShape& shape, std::uint64_t seed, std::uint64_t
 
 struct CourseRunner::Runner {
   control::Composer composer;
-  control::Manoeuvre manoeuvre;
+  control::Manoeuvre manoeuvre{};
   bool alive = false;
   int next = 0;              ///< obstacle ahead
   double floor = 0;          ///< height of the ground that is run on, m
   double step_x = 0, step_seconds = 0, speed = 0;  ///< where the present step began, since when, and how fast the last was
   bool clearing = false;
-  int since = -1;            ///< steps begun since the last leap
-  Labels labels;             ///< of the present manoeuvre
+  int since = -1;            ///< steps begun since the last manoeuvre
+  Labels labels{};           ///< of the present manoeuvre
   double flight = 0;         ///< since when no foot was on the ground, s
   double asked = 0;          ///< speed of the present step, m/s
 };

@@ -268,25 +268,16 @@ GaitEvents Trainer::watch(const control::Controller& gait, const Continuation& r
   return events;
 }
 
-control::RunningSettings Trainer::settings_of_states(std::uint64_t stream) const {
+control::Controller Trainer::steady_running(const Body& body, const Eigen::VectorXd& control, double speed) {
+  control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
   control::RunningSettings e;
   e.cycles = 10;
   e.seed = effort_.running.run.seed;
-  e.stream = stream;
+  e.stream = state_stream;
   // As courses have them: after steps at other speeds, and not quite straight.
   e.push = 0.5 * effort_.running.run.push;
   e.wander = effort_.running.run.wander;
-  return e;
-}
-
-std::vector<control::RunningState> Trainer::states(const Body& body, const Eigen::VectorXd& x, double speed, std::uint64_t stream) {
-  control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
-  return control::running_states(trials, model_, body.wide, {0, speed}, x, settings_of_states(stream), 32);
-}
-
-control::Controller Trainer::steady_running(const Body& body, const Eigen::VectorXd& control, double speed) {
-  control::RunningTrials<Lane> trials(model_, roles_, body.gait.simulation, flat_, body.gait, body.wide);
-  return control::resimulated(trials, model_, roles_, body.gait, body.wide, control, speed, settings_of_states(state_stream));
+  return control::resimulated(trials, model_, roles_, body.gait, body.wide, control, speed, e);
 }
 
 Trainer::OnCourses Trainer::run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,

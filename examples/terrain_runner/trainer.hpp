@@ -97,9 +97,8 @@ public:
   /// Step length against speed over the nodes that were done.
   traceur::plan::StepLength<double> step_length(const std::vector<NodeResult>& nodes) const;
 
-  /// Where the feet are on the ground, and states in which manoeuvres begin.
+  /// Where the feet are on the ground.
   GaitEvents watch(const control::Controller& gait, const traceur::parameterize::Continuation& running);
-  std::vector<control::RunningState> states(const Body& body, const Eigen::VectorXd& control, double speed, std::uint64_t stream);
   /// States in which manoeuvres begin on courses of their obstacles that are numbered from `first` on.
   std::vector<control::RunningState> arrivals(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                                               const traceur::plan::StepLength<double>& length, std::uint64_t first);
@@ -112,8 +111,7 @@ private:
   };
   OnCourses run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                         const traceur::plan::StepLength<double>& length, int obstacles, int count, std::uint64_t first);
-  control::RunningSettings settings_of_states(std::uint64_t stream) const;
-  /// Running as it is in such states, on average: the gait with its reference reset to that.
+  /// Running as it is on courses, on average: the gait with its reference reset to that.
   control::Controller steady_running(const Body& body, const Eigen::VectorXd& control, double speed);
   struct Search;
   class Trials;
