@@ -361,6 +361,10 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
     one.hold_from = a.hold_from;
     one.hold_to = a.hold_to;
     one.depth = a.depth;
+    if (family_size == 0) {
+      f = one;
+      f.heights.clear();
+    }
     // Plans that end alike differ in how well they can be kept to: of some the best is taken.
     double best = -1;
     Eigen::MatrixXd offsets;
@@ -393,14 +397,6 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
     if (family_size == 1) {
       for (double* sigma : {&p.hip, &p.leg, &p.trunk, &p.head}) *sigma *= 0.25;
       p.rounds = (p.rounds + 1) / 2;
-      f.stance = one.stance;
-      f.phase = one.phase;
-      f.parts = one.parts;
-      f.end = one.end;
-      f.placed = one.placed;
-      f.hold_from = one.hold_from;
-      f.hold_to = one.hold_to;
-      f.depth = one.depth;
     }
   }
   write_family(folder_ / (std::string(name_of(kind)) + ".safetensors"), f);
