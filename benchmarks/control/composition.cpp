@@ -12,6 +12,7 @@
 #include <benchmark/benchmark.h>
 
 #include <traceur/control/composition.hpp>
+#include <traceur/control/regulator_practice.hpp>
 #include <traceur/io/mjcf.hpp>
 #include <traceur/parameterize/rbf.hpp>
 #include <traceur/plan/step_planner.hpp>
@@ -126,8 +127,8 @@ void regulated(benchmark::State& state) {
   const control::TrackingReference& r = runner.controller.reference;
   const control::SimulatedMotion motion{runner.controller.targets, r.poses, r.velocities};
   const int nv = runner.model.nv;
-  const std::vector<Eigen::MatrixXd> gains(48, Eigen::MatrixXd::Constant(nv - 6, 2 * nv, 1e-3));
-  const control::TrackingRegulator regulator(runner.model, runner.roles, {0.6, 0.8}, {motion, motion}, {gains, gains});
+  const std::vector<control::Gain> gains(48, {Eigen::MatrixXf::Constant(nv - 6, 8, 1e-2F), Eigen::MatrixXf::Constant(8, 2 * nv, 1e-2F)});
+  const control::TrackingRegulator regulator(runner.model, runner.roles, {0.6, 0.8}, {motion, motion}, std::vector{gains, gains});
   auto scratch = control::TrackingRegulator::scratch(runner.model);
   runner.composer.step(runner.numbers, 3.5, 0);
   for (auto _ : state) {
@@ -137,9 +138,23 @@ void regulated(benchmark::State& state) {
   }
 }
 
+/// A tick's A and B from 1024 rollouts.
+void regression(benchmark::State& state) {
+  constexpr int n = 68, na = 28, rollouts = 1024;
+  const control::LinearizedTick prior{Eigen::MatrixXd::Identity(n, n), Eigen::MatrixXd::Zero(n, na)};
+  control::TickRegression r(prior, Eigen::VectorXd::Ones(n + na));
+  const Eigen::MatrixXd x = Eigen::MatrixXd::Random(n, rollouts), u = Eigen::MatrixXd::Random(na, rollouts);
+  for (auto _ : state) {
+    r.forget(0.8);
+    r.add(x, u, x);
+    benchmark::DoNotOptimize(r.solve());
+  }
+}
+
 BENCHMARK(follow);
 BENCHMARK(whole);
 BENCHMARK(step);
 BENCHMARK(regulated);
+BENCHMARK(regression)->Unit(benchmark::kMillisecond);
 
 }  // namespace

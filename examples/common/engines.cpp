@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "engines.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "simulators.hpp"
@@ -32,6 +33,13 @@ public:
     point.store(p);
     plain_->push(joint, f, p);
   }
+  void hold(int, int joint, const core::Vector3<double>& point, const core::Vector3<double>& anchor) {
+    double p[3], a[3];
+    point.store(p);
+    anchor.store(a);
+    plain_->hold(joint, p, a);
+  }
+  void release(int, int joint) { plain_->release(joint); }
   core::Vector3<double> contact_force(int, int joint) const {
     double f[3];
     plain_->contact_force(joint, f);
@@ -50,35 +58,38 @@ private:
 
 }  // namespace
 
-std::vector<std::shared_ptr<Engine>> make_engines(const std::string& name, const std::string& character, const sim::Model& model,
-                                                  const terrain::HeightGrid* terrain, const sim::Parameters& parameters, int count) {
+std::shared_ptr<Engine> make_engine(const std::string& name, const std::string& character, const sim::Model& model,
+                                    const std::vector<const terrain::HeightGrid*>& terrain, const sim::Parameters& parameters) {
   const SimulatorChoice choice = find_simulator(name);
-  std::vector<std::shared_ptr<Engine>> out;
-  if (!choice.factory) return out;
+  if (!choice.factory) return nullptr;
   EngineRequest request;
   request.character = character.c_str();
   request.parameters = parameters;
   request.parameters.dt = parameters.dt / std::ceil(engine_hz * parameters.dt - 1e-9);
-  if (terrain) {
-    const terrain::HeightGrid& g = *terrain;
-    request.heights_m = g.heights().data();
-    request.nx = g.nx();
-    request.ny = g.ny();
-    request.cell_m = g.cell();
-    request.x0_m = g.x0();
-    request.y0_m = g.y0();
-  }
-  for (int worker = 0; worker < count; ++worker) {
-    // One character each: what has fallen is then not simulated further.
-    std::vector<EngineLane> lanes;
-    for (int l = 0; l < core::lane_count<Lane>; ++l) {
-      char fault[400] = "";
-      std::unique_ptr<PlainSimulator> plain(choice.factory(request, fault, sizeof fault));
-      if (!plain) throw Error("--simulator " + name + ": " + fault);
-      lanes.emplace_back(model, request.parameters.dt, std::move(plain));
+  // One character each: what has fallen is then not simulated further.
+  std::vector<EngineLane> lanes;
+  for (std::size_t l = 0; l < core::lane_count<Lane>; ++l) {
+    if (const terrain::HeightGrid* g = terrain.empty() ? nullptr : terrain[std::min(l, terrain.size() - 1)]) {
+      request.heights_m = g->heights().data();
+      request.nx = g->nx();
+      request.ny = g->ny();
+      request.cell_m = g->cell();
+      request.x0_m = g->x0();
+      request.y0_m = g->y0();
     }
-    out.push_back(control::engine_of<Lane>(std::move(lanes)));
+    char fault[400] = "";
+    std::unique_ptr<PlainSimulator> plain(choice.factory(request, fault, sizeof fault));
+    if (!plain) throw Error("--simulator " + name + ": " + fault);
+    lanes.emplace_back(model, request.parameters.dt, std::move(plain));
   }
+  return control::engine_of<Lane>(std::move(lanes));
+}
+
+std::vector<std::shared_ptr<Engine>> make_engines(const std::string& name, const std::string& character, const sim::Model& model,
+                                                  const terrain::HeightGrid* terrain, const sim::Parameters& parameters, int count) {
+  std::vector<std::shared_ptr<Engine>> out;
+  for (int worker = 0; worker < count; ++worker)
+    if (auto engine = make_engine(name, character, model, {terrain}, parameters)) out.push_back(std::move(engine));
   return out;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 
 #include "traceur/body/character.hpp"
 #include "traceur/io/load_report.hpp"
@@ -15,6 +16,8 @@ class Safetensors;
 namespace example {
 
 // Readers and writers of files, which take a compiler long, compiled once. They throw traceur::Error.
+
+std::string read_file(const std::filesystem::path& path);
 
 /// io::read_mjcf, and what sim::make_model makes of it.
 traceur::body::Character read_character(const std::filesystem::path& path);

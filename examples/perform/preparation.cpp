@@ -3,8 +3,6 @@
 
 #include <cstdio>
 #include <cstring>
-#include <fstream>
-#include <sstream>
 
 #include "../common/files.hpp"
 #include "../common/retargeting.hpp"
@@ -25,13 +23,6 @@ using core::Vector3;
 namespace {
 
 constexpr double tick = 1.0 / 60;
-
-std::string read_file(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  if (!in || !(text << in.rdbuf())) throw Error(path.string() + ": cannot be read");
-  return text.str();
-}
 
 double travel(const motion::Clip& c) { return (c.poses.col(c.keys() - 1).head(2) - c.poses.col(0).head(2)).norm(); }
 
@@ -174,7 +165,7 @@ Scene load_scene(const Options& o) {
   Scene s;
   s.model = example::read_model(o.character);
   s.roles = control::find_roles(s.model);
-  s.character_text = read_file(o.character);
+  s.character_text = example::read_file(o.character);
   if (!o.terrain.empty()) s.terrain = io::read_terrain(o.terrain);
   return s;
 }
@@ -187,7 +178,7 @@ Preparation prepare(const Options& o, const Effort& effort, Scene& scene) {
   load.fps = o.fps;
   if (o.up != "detect") load.up = o.up == "x" ? io::UpAxis::x : o.up == "y" ? io::UpAxis::y : io::UpAxis::z;
   motion::RetargetOptions options;
-  if (!o.joint_map.empty()) options.joints = motion::parse_joint_names(read_file(o.joint_map), o.joint_map.string());
+  if (!o.joint_map.empty()) options.joints = motion::parse_joint_names(example::read_file(o.joint_map), o.joint_map.string());
   const io::LoadedClip loaded = example::load_clip(o.clip, load);
   out.loaded = loaded.report;
   std::printf("%s", loaded.report.text().c_str());

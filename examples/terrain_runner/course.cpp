@@ -53,6 +53,20 @@ control::RunningState arrival(const sim::Model& model, const control::Roles& rol
   return s;
 }
 
+/// Has an engine do what the lanes' grips began or ended to do.
+template <class Lane>
+void tell_grips(control::Engine<Lane>& engine, const sim::Lanes<Lane>& lanes, const std::array<sim::GripPoint, 2>& hands, int l, const std::array<bool, 2>& held) {
+  for (std::size_t h = 0; h < 2; ++h) {
+    const bool now = lanes.holds(l, static_cast<int>(h));
+    if (now == held[h]) continue;
+    const auto at = lanes.grip_place(static_cast<int>(h));
+    if (now)
+      engine.hold(l, hands[h], {core::lane_of(at.x, l), core::lane_of(at.y, l), core::lane_of(at.z, l)});
+    else
+      engine.release(l, hands[h]);
+  }
+}
+
 }  // namespace
 
 double Course::height(double x) const { return ground.height(x, 0); }
@@ -98,11 +112,15 @@ struct CourseRunner::Runner {
   double asked = 0;          ///< speed of the present step, m/s
 };
 
-ManoeuvreModel manoeuvre_model(const parameterize::Continuation& c, bool interpolation) {
+std::vector<double> learned_heights(const parameterize::Continuation& c) {
   std::vector<double> learned;
   for (int n = 0; n < c.node_count(); ++n)
     if (c.status(n) == parameterize::NodeStatus::solved) learned.push_back(c.parameter(n)[0]);
-  return [rbf = c.model(), learned, interpolation](double height) -> Eigen::VectorXd {
+  return learned;
+}
+
+ManoeuvreModel manoeuvre_model(const parameterize::Continuation& c, bool interpolation) {
+  return [rbf = c.model(), learned = learned_heights(c), interpolation](double height) -> Eigen::VectorXd {
     if (!interpolation)
       height = *std::min_element(learned.begin(), learned.end(),
                                  [&](double a, double b) { return std::abs(a - height) < std::abs(b - height); });
@@ -159,17 +177,17 @@ void CourseRunner::decide(Runner& r, const Course& course, double x, double y, d
 }
 
 std::vector<CourseOutcome> CourseRunner::run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
-                                             std::vector<control::RunningState>* arrivals) {
-  return run_in<Lane>(courses, first_number, recording, arrivals);
+                                             std::vector<control::RunningState>* arrivals, example::Engine* engine) {
+  return run_in<Lane>(courses, first_number, recording, arrivals, engine);
 }
 
 CourseOutcome CourseRunner::run_alone(const Course& course, std::uint64_t number, CourseRecording* recording) {
-  return run_in<float>({course}, number, recording, nullptr)[0];
+  return run_in<float>({course}, number, recording, nullptr, nullptr)[0];
 }
 
 template <class Lane>
 std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
-                                                std::vector<control::RunningState>* arrivals) {
+                                                std::vector<control::RunningState>* arrivals, control::Engine<Lane>* engine) {
   constexpr int width = core::lane_count<Lane>;
   const sim::Model& model = *body_.model;
   const int used = static_cast<int>(courses.size());
@@ -201,6 +219,8 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
     out[k].obstacles = static_cast<int>(courses[k].obstacles.size());
   }
   lanes.refresh();
+  if (engine) engine->begin(lanes, used);
+  std::array<bool, static_cast<std::size_t>(width)> wanted{};
   int living = used;
   const auto x_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.x, l)); };
   const auto y_of = [&](int l) { return static_cast<double>(core::lane_of(lanes.work().center_of_mass.y, l)); };
@@ -238,14 +258,22 @@ std::vector<CourseOutcome> CourseRunner::run_in(const std::vector<Course>& cours
     }
     follower.act(lanes, ds.data());
     for (int l = 0; l < used; ++l) control::regulate(lanes, l, runners[static_cast<std::size_t>(l)].composer, scratch);
-    lanes.step(body_.gait.steps_per_tick);
+    if (engine) {
+      for (std::size_t l = 0; l < runners.size(); ++l) wanted[l] = runners[l].alive;
+      engine->step(lanes, tick, wanted);
+    } else {
+      lanes.step(body_.gait.steps_per_tick);
+    }
     for (int l = 0; l < used; ++l) {
       const auto k = static_cast<std::size_t>(l);
       Runner& r = runners[k];
       if (!r.alive) continue;
       CourseOutcome& o = out[k];
       const Course& course = courses[k];
+      std::array<bool, 2> holding;
+      for (int h = 0; h < 2; ++h) holding[static_cast<std::size_t>(h)] = lanes.holds(l, h);
       const bool held = control::hold(lanes, model, hands, l, r.composer);
+      if (engine) tell_grips(*engine, lanes, hands, l, holding);
       const bool airborne = !held && std::ranges::all_of(body_.roles.legs, [&](const control::Roles::Leg& leg) {
         return core::lane_of(lanes.body_force()[static_cast<std::size_t>(leg.foot)].z, l) < least_load;
       });

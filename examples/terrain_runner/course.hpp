@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "../common/engines.hpp"
 #include "skills.hpp"
 #include "traceur/control/clearing.hpp"
 #include "traceur/terrain/height_grid.hpp"
@@ -87,6 +88,9 @@ struct CourseRecording {
   std::vector<control::RunStage> stages;
 };
 
+/// Heights of obstacles that a kind of manoeuvre was learned for, m, increasing.
+std::vector<double> learned_heights(const traceur::parameterize::Continuation& learned);
+
 /// The manoeuvres that were learned, in between as the continuation has it, or (without `interpolation`) the nearest.
 ManoeuvreModel manoeuvre_model(const traceur::parameterize::Continuation& learned, bool interpolation = true);
 
@@ -99,9 +103,10 @@ public:
                const CourseSettings& settings);
 
   /// As many courses as a pack has lanes, or fewer. What lane 0 does is recorded if asked for; to `arrivals` are added the
-  /// states in which manoeuvres begin, as if all began with a step on the left foot.
+  /// states in which manoeuvres begin, as if all began with a step on the left foot. What is not null of `engine` moves them
+  /// in place of the bundled simulator: its lanes must be on these courses.
   std::vector<CourseOutcome> run(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording = nullptr,
-                                 std::vector<control::RunningState>* arrivals = nullptr);
+                                 std::vector<control::RunningState>* arrivals = nullptr, example::Engine* engine = nullptr);
 
   /// One course, a runner all alone: in less than half the time. Its last bits are not those of a pack's lane.
   CourseOutcome run_alone(const Course& course, std::uint64_t number, CourseRecording* recording = nullptr);
@@ -112,7 +117,7 @@ public:
 private:
   template <class Lane>
   std::vector<CourseOutcome> run_in(const std::vector<Course>& courses, std::uint64_t first_number, CourseRecording* recording,
-                                    std::vector<control::RunningState>* arrivals);
+                                    std::vector<control::RunningState>* arrivals, control::Engine<Lane>* engine);
   struct Runner;
   void decide(Runner& r, const Course& course, double x, double y, double speed_now);
 

@@ -20,6 +20,7 @@
 #include "../common/files.hpp"
 #include "../common/progress.hpp"
 #include "../common/results.hpp"
+#include "../common/simulators.hpp"
 #include "compare.hpp"
 #include "live.hpp"
 #include "options.hpp"
@@ -88,12 +89,11 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
     if (!o.kinds.empty() && std::find(o.kinds.begin(), o.kinds.end(), kind) == o.kinds.end()) continue;
     const std::size_t k = index_of(kind);
     const double begun_s = clock.seconds();
-    const Player runner(model, roles, skills, {}, o.threads);
-    if (!skills.family[k]) {
-      skills.family[k] = trainer.sample_family(kind, runner.running, runner.body, skills.measured->events);
-    }
-    if (skills.family[k]->effort.empty()) trainer.choose_efforts(kind, runner.body, *skills.family[k]);
-    const Player player(model, roles, skills, {kind}, o.threads);
+    const Player runner(model, roles, skills, {});
+    // As long as there are more heights to come, it says where to seek the next.
+    if (!skills.family[k] || skills.family[k]->plan_offsets.size() > 0)
+      skills.family[k] = trainer.sample_family(kind, runner.running, runner.body, *skills.measured, std::move(skills.family[k]));
+    const Player player(model, roles, skills, {kind});
     skills.clearing[k] = trainer.learn_clearing(kind, player.running, player.body, length, std::move(skills.clearing[k]));
     Json& part = report[name_of(kind)] = Json{{"evaluations", skills.clearing[k]->evaluations()}, {"heights", Json::array()}};
     for (const ClearingResult& j : trainer.test_clearing(kind, player.running, player.body, manoeuvre_model(*skills.clearing[k]), length,
@@ -144,7 +144,9 @@ void run(const Options& o, const sim::Model& model, const Player& player, const 
   CourseRecording recording;
   Pace pace(o.live);
   runner.watch = std::ref(pace);
-  const CourseOutcome c = runner.run_alone(course, 0, &recording);
+  const auto engine = OnSimulator(o, model, skills.gait.simulation)({course});
+  // An engine moves the first lane of a pack.
+  const CourseOutcome c = engine ? runner.run({course}, 0, &recording, nullptr, engine.get())[0] : runner.run_alone(course, 0, &recording);
   report["cleared"] = c.cleared;
   report["obstacles"] = c.obstacles;
   report["completed"] = c.completed;
@@ -171,6 +173,7 @@ int carry_out(const Options& o) {
   const control::Roles roles = control::find_roles(model);
   Skills skills;
   std::vector<Kind> asked;
+  example::find_simulator(o.simulator);
   if (o.command == Command::train) {
     if (o.resume)
       skills = read_skills(o.out, model, roles);
@@ -191,13 +194,13 @@ int carry_out(const Options& o) {
     if (o.command == Command::train)
       train(o, model, roles, std::move(skills), report);
     else if (o.command == Command::run)
-      run(o, model, Player(model, roles, skills, asked, o.threads), skills, report);
+      run(o, model, Player(model, roles, skills, asked), skills, report);
     else if (o.command == Command::plot)
       write_skill_report(o, model, roles, skills, report);
     else if (o.command == Command::compare)
       compare(o, model, roles, skills, report);
     else
-      evaluate(o, Player(model, roles, skills, asked, o.threads), skills, report);
+      evaluate(o, Player(model, roles, skills, asked), skills, report);
   });
   return example::write_report(o.report, report, clock.seconds(), ending);
 }

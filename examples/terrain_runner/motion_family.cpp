@@ -59,6 +59,83 @@ std::vector<int> integers(const io::Safetensors& file, const std::string& name, 
 
 constexpr int longest = 2000;  // ticks
 
+/// Gains ship as bytes: each column of the left and each half of the rows of the right factors (poses, velocities) in units of
+/// its own.
+constexpr float most_of_byte = 127;
+
+template <class Block>
+float pack(const Block& block, std::vector<std::int8_t>& out) {
+  const float unit = block.cwiseAbs().maxCoeff() / most_of_byte;
+  for (Eigen::Index j = 0; j < block.cols(); ++j)
+    for (Eigen::Index i = 0; i < block.rows(); ++i) out.push_back(static_cast<std::int8_t>(unit > 0 ? std::lround(block(i, j) / unit) : 0));
+  return unit;
+}
+
+template <class Block>
+void unpack(Block&& block, float unit, const std::int8_t*& from) {
+  for (Eigen::Index j = 0; j < block.cols(); ++j)
+    for (Eigen::Index i = 0; i < block.rows(); ++i) block(i, j) = unit * static_cast<float>(*from++);
+}
+
+void add_gains(io::Safetensors& file, const MotionFamily& f) {
+  const control::Gain& like = f.gains.at(0).at(0);
+  const Eigen::Index rank = like.right.rows(), half = like.right.cols() / 2;
+  std::vector<std::int8_t> left, right;
+  std::vector<float> units;
+  for (const auto& of_height : f.gains)
+    for (const control::Gain& g : of_height)
+      for (Eigen::Index r = 0; r < rank; ++r) {
+        units.push_back(pack(g.left.col(r), left));
+        for (const Eigen::Index from : {Eigen::Index{0}, half}) units.push_back(pack(g.right.row(r).segment(from, half), right));
+      }
+  const auto size = [](Eigen::Index n) { return static_cast<std::size_t>(n); };
+  const std::size_t heights = f.gains.size(), ticks = f.gains[0].size();
+  file.add<std::int8_t>("gains.left", {heights, ticks, size(rank), size(like.left.rows())}, left);
+  file.add<std::int8_t>("gains.right", {heights, ticks, size(rank), size(2 * half)}, right);
+  file.add<float>("gains.units", {heights, ticks, size(rank), 3}, units);
+}
+
+void read_gains(const io::Safetensors& file, const sim::Model& model, MotionFamily& f) {
+  const auto heights = f.heights.size(), ticks = static_cast<std::size_t>(f.end);
+  const auto rank = static_cast<std::size_t>(file.at("gains.units").size()) / (3 * heights * ticks);
+  const auto joints = static_cast<std::size_t>(model.nv) - 6, half = static_cast<std::size_t>(model.nv);
+  if (rank < 1 || rank > joints) throw Error(file.where() + ": tensor 'gains.units': expected 1 to " + std::to_string(joints) + " ranks of each height and tick");
+  const auto bytes = [&](const char* name, std::size_t of_rank) {
+    std::vector<std::int8_t> out(file.at(name).size());
+    if (out.size() != heights * ticks * rank * of_rank)
+      throw Error(file.where() + ": tensor '" + name + "': expected " + std::to_string(heights * ticks * rank * of_rank) + " numbers");
+    file.read<std::int8_t>(name, out);
+    return out;
+  };
+  const std::vector<std::int8_t> left = bytes("gains.left", joints), right = bytes("gains.right", 2 * half);
+  std::vector<float> units(heights * ticks * rank * 3);
+  file.read<float>("gains.units", units);
+  for (const float u : units)
+    if (!std::isfinite(u)) throw Error(file.where() + ": tensor 'gains.units': expected finite numbers");
+  const std::int8_t *of_left = left.data(), *of_right = right.data();
+  const float* unit = units.data();
+  const auto size = [](std::size_t n) { return static_cast<Eigen::Index>(n); };
+  f.gains.assign(heights, {});
+  for (auto& of_height : f.gains)
+    for (std::size_t t = 0; t < ticks; ++t) {
+      control::Gain g{Eigen::MatrixXf(size(joints), size(rank)), Eigen::MatrixXf(size(rank), size(2 * half))};
+      for (Eigen::Index r = 0; r < size(rank); ++r) {
+        unpack(g.left.col(r), *unit++, of_left);
+        for (const std::size_t from : {std::size_t{0}, half}) unpack(g.right.row(r).segment(size(from), size(half)), *unit++, of_right);
+      }
+      of_height.push_back(std::move(g));
+    }
+}
+
+Eigen::MatrixXd matrix(const io::Safetensors& file, const std::string& name) {
+  const io::Tensor& t = file.at(name);
+  if (t.shape.size() != 2) throw Error(file.where() + ": tensor '" + name + "': expected a matrix");
+  Eigen::MatrixXd out(static_cast<Eigen::Index>(t.shape[1]), static_cast<Eigen::Index>(t.shape[0]));
+  file.read<double>(name, std::span<double>(out.data(), t.size()));
+  if (!out.allFinite()) throw Error(file.where() + ": tensor '" + name + "': expected finite numbers");
+  return out;
+}
+
 }  // namespace
 
 int MotionFamily::laws() const { return most(phase); }
@@ -124,12 +201,8 @@ MotionFamily read_family(const fs::path& path, const sim::Model& model) {
   f.hold_to = times[2];
   f.placed = times[3];
   if (f.end < 1) throw Error(path.string() + ": expected an end after the begin");
-  if (file.find("effort")) {
-    f.effort.resize(file.at("effort").size());
-    file.read<double>("effort", f.effort);
-    if (f.effort.size() != f.heights.size() || !std::ranges::all_of(f.effort, [](double e) { return e > 0 && std::isfinite(e); }))
-      throw Error(path.string() + ": tensor 'effort': expected a number above zero for each height");
-  }
+  read_gains(file, model, f);
+  if (file.find("offsets")) f.plan_offsets = matrix(file, "offsets");
   std::array<double, 1> depth{};
   file.read<double>("depth", depth);
   f.depth = depth[0];
@@ -149,7 +222,10 @@ void write_family(const fs::path& path, const MotionFamily& f) {
   add(file, "times", std::vector<int>{f.end, f.hold_from, f.hold_to, f.placed});
   const std::array<double, 1> depth{f.depth};
   file.add<double>("depth", {1}, depth);
-  if (!f.effort.empty()) file.add<double>("effort", {f.effort.size()}, f.effort);
+  add_gains(file, f);
+  if (f.plan_offsets.size() > 0)
+    file.add<double>("offsets", {static_cast<std::size_t>(f.plan_offsets.cols()), static_cast<std::size_t>(f.plan_offsets.rows())},
+                     std::span<const double>(f.plan_offsets.data(), static_cast<std::size_t>(f.plan_offsets.size())));
   io::write_safetensors(path, file);
 }
 

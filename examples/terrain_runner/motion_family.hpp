@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "traceur/control/controller.hpp"
+#include "traceur/control/tracking_regulator.hpp"
 
 namespace terrain_runner {
 
@@ -18,7 +19,8 @@ struct MotionFamily {
   int end = 0;                                              ///< tick at which running begins again, with a step on the right foot
   int placed = 0;                                           ///< tick from which on it is all one where on the ground it is done
   int hold_from = 0, hold_to = 0;                           ///< ticks in which the right hand may hold on to the obstacle
-  std::vector<double> effort;                               ///< of each height, what a regulator's effort costs, 1/rad^2; empty: as usual
+  std::vector<std::vector<traceur::control::Gain>> gains;   ///< of each height, of each tick up to `end`: a regulator's
+  Eigen::MatrixXd plan_offsets;                               ///< of the last height's plan, around which the next is sought; empty: there is none
   double depth = 0;                                         ///< of the obstacle along the way, m; 0: it has no other side
 
   int ticks() const { return static_cast<int>(stance.size()); }

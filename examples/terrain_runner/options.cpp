@@ -40,6 +40,8 @@ std::optional<Options> read_options(int argc, char** argv) {
     c->add_option("--vault", o.heights[index_of(Kind::vault)], "lowest and highest box, m (default: as learned)")->check(CLI::Range(0.3, 1.5));
     c->add_option("--drop", o.heights[index_of(Kind::drop)], "lowest and highest cliff down, m (default: as learned)")->check(CLI::Range(0.5, 3.0));
   }
+  for (CLI::App* c : {run, evaluate})
+    c->add_option("--simulator", o.simulator, "what to run on: bundled (default), mujoco, dart, ode or bullet");
   evaluate->add_option("--courses", o.courses, "number of courses (default 100)")->check(CLI::Range(1, 100000));
   evaluate->add_option("--without", o.without, "leave out a part: planner, feedback, recovery, blending or interpolation")
       ->check(CLI::IsMember({"planner", "feedback", "recovery", "blending", "interpolation"}));

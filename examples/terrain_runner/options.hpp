@@ -36,6 +36,7 @@ struct Options {
   bool ablations = false;   ///< evaluate: each part left out in turn
   bool approach = false;    ///< evaluate: one obstacle from many distances,
   int trials = 701;         ///< so many
+  std::string simulator = "bundled";
   std::string without;  ///< evaluate: what to leave out: planner, feedback, recovery, blending or interpolation
 };
 

@@ -7,6 +7,8 @@
 #include <map>
 
 #include "../common/lane.hpp"
+#include "../common/files.hpp"
+#include "../common/simulators.hpp"
 #include "../common/progress.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/executor.hpp"
@@ -16,6 +18,17 @@ namespace terrain_runner {
 using namespace traceur;
 using Json = nlohmann::ordered_json;
 
+OnSimulator::OnSimulator(const Options& o, const sim::Model& model, const sim::Parameters& parameters)
+    : name_(o.simulator), model_(&model), parameters_(parameters) {
+  if (example::find_simulator(name_).factory) character_ = example::read_file(o.character);
+}
+
+std::shared_ptr<example::Engine> OnSimulator::operator()(const std::vector<Course>& courses) const {
+  std::vector<const terrain::HeightGrid*> terrain;
+  for (const Course& c : courses) terrain.push_back(&c.ground);
+  return example::make_engine(name_, character_, *model_, terrain, parameters_);
+}
+
 namespace {
 
 /// Where the paper's trials start, in tenths of a metre from the obstacle: each of them, and what is counted together.
@@ -23,7 +36,7 @@ constexpr int nearest_dm = 300, farthest_dm = 1000, bin_dm = 100;
 
 /// What became of all courses, in their order, whatever the number of threads. `course(i)` makes the i-th.
 std::vector<CourseOutcome> run_all(const CourseRunner& runner, int count, const std::function<Course(int)>& course,
-                                   core::ThreadExecutor& executor) {
+                                   core::ThreadExecutor& executor, const OnSimulator& on) {
   constexpr int width = core::lane_count<example::Lane>;
   const int groups = (count + width - 1) / width;
   std::vector<CourseOutcome> out(static_cast<std::size_t>(count));
@@ -33,7 +46,8 @@ std::vector<CourseOutcome> run_all(const CourseRunner& runner, int count, const 
     std::vector<Course> courses;
     for (int i = first; i < std::min(count, first + width); ++i) courses.push_back(course(i));
     CourseRunner mine = runner;
-    std::ranges::move(mine.run(courses, static_cast<std::uint64_t>(first)), out.begin() + first);
+    const auto engine = on(courses);
+    std::ranges::move(mine.run(courses, static_cast<std::uint64_t>(first), nullptr, nullptr, engine.get()), out.begin() + first);
   });
   if (example::interruption_asked()) throw example::Interrupted{};
   return out;
@@ -77,8 +91,9 @@ double percent_lower(double x, double whole) { return whole > 0 ? 100 * (1 - x /
 
 void evaluate_ablations(const Options& o, const Player& player, const Skills& skills,
                         const std::function<Course(int)>& course, core::ThreadExecutor& executor, Json& report) {
+  const OnSimulator on(o, *player.body.model, skills.gait.simulation);
   const auto tally = [&](const std::string& without) {
-    return Tally(run_all(course_runner(player, skills, o.seed, without), o.courses, course, executor));
+    return Tally(run_all(course_runner(player, skills, o.seed, without), o.courses, course, executor, on));
   };
   std::printf("%-22s %9s  %15s  %20s\n", "", "completed", "cleared", "percent lower");
   std::printf("%-22s %9s  %15s  %9s  %9s\n", "", "", "of those met", "completed", "cleared");
@@ -113,7 +128,8 @@ Json evaluate_approach(const Options& o, const Player& player, const Skills& ski
   };
   const auto outcomes = run_all(
       course_runner(player, skills, o.seed, o.without), o.trials,
-      [&](int i) { return course_of({{kind, 0.1 * distance_dm(i), size}}); }, executor);
+      [&](int i) { return course_of({{kind, 0.1 * distance_dm(i), size}}); }, executor,
+      OnSimulator(o, *player.body.model, skills.gait.simulation));
   struct Bin {
     int trials = 0, successes = 0;
   };
@@ -143,11 +159,10 @@ Json evaluate_approach(const Options& o, const Player& player, const Skills& ski
 
 }  // namespace
 
-Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked, int threads)
+Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked)
     : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
-  core::ThreadExecutor executor(threads);
   for (const Kind kind : asked)
-    if (skills.family[index_of(kind)]) body.add_family(kind, *skills.family[index_of(kind)], executor);
+    if (skills.family[index_of(kind)]) body.add_family(kind, *skills.family[index_of(kind)]);
 }
 
 CourseRunner course_runner(const Player& player, const Skills& skills, std::uint64_t seed, const std::string& without) {
@@ -181,8 +196,9 @@ CourseShape course_shape(const Options& o, const Skills& skills) {
   shape.obstacles = o.obstacles;
   shape.kinds = obstacle_kinds(o, skills);
   for (const Kind kind : shape.kinds) {
-    const Eigen::VectorXd& learned = skills.clearing[index_of(kind)]->parameters().axes[0];
-    shape.heights[index_of(kind)] = o.heights[index_of(kind)].value_or(std::array{learned[0], learned[learned.size() - 1]});
+    const std::vector<double> learned = learned_heights(*skills.clearing[index_of(kind)]);
+    if (learned.empty()) throw Error(o.skills.string() + ": " + name_of(kind) + ".txt: no height was learned");
+    shape.heights[index_of(kind)] = o.heights[index_of(kind)].value_or(std::array{learned.front(), learned.back()});
   }
   return shape;
 }
@@ -200,7 +216,7 @@ void evaluate(const Options& o, const Player& player, const Skills& skills, Json
     evaluate_ablations(o, player, skills, course, executor, report);
     return;
   }
-  const Tally t(run_all(course_runner(player, skills, o.seed, o.without), o.courses, course, executor));
+  const Tally t(run_all(course_runner(player, skills, o.seed, o.without), o.courses, course, executor, OnSimulator(o, *player.body.model, skills.gait.simulation)));
   report["courses"] = t.courses;
   report["completed"] = t.completed;
   report["obstacles_met"] = t.met;

@@ -28,8 +28,22 @@ struct Player {
   Body body;
   RunningModel running;
 
-  /// Of the kinds of obstacles that are asked for, in `threads` threads (0: all). The model must outlive it.
-  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked, int threads);
+  /// Of the kinds of obstacles that are asked for. The model must outlive it.
+  Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked);
+};
+
+/// The simulator that was asked for, on courses.
+class OnSimulator {
+public:
+  /// The model must outlive it. Throws traceur::Error where this build has no such simulator.
+  OnSimulator(const Options& o, const sim::Model& model, const sim::Parameters& parameters);
+  /// An engine with each lane on a course of its own; null for the bundled simulator, which needs none.
+  std::shared_ptr<example::Engine> operator()(const std::vector<Course>& courses) const;
+
+private:
+  std::string name_, character_;
+  const sim::Model* model_;
+  sim::Parameters parameters_;
 };
 
 /// Runs one course after the other or a pack of them; `without`: one of `parts`, or empty. The player must outlive it.

@@ -134,6 +134,9 @@ control::Manoeuvre ObstacleSkill::manoeuvre(const Eigen::VectorXd& x, double hei
 
 control::Hurdle ObstacleSkill::hurdle(double height) const { return hurdle_of(kind, height, depth); }
 
+// What matters about a cliff is not to step over its edge.
+double slide_of(Kind kind) { return kind == Kind::drop ? 0.4 : 0; }
+
 control::Hurdle hurdle_of(Kind kind, double height, double depth) {
   if (kind == Kind::vault) return control::Hurdle::box(height, depth);
   if (kind == Kind::drop) return control::Hurdle::step(-height);
@@ -167,7 +170,7 @@ void Body::add(Kind kind, const std::array<std::vector<control::Controller>, 2>&
   s.speed = s.speed_out = wide.table.speed();
 }
 
-void Body::add_family(Kind kind, const MotionFamily& family, core::ThreadExecutor& executor) {
+void Body::add_family(Kind kind, const MotionFamily& family) {
   std::array<std::vector<control::Controller>, 2> motions;
   for (std::size_t k = 0; k < family.heights.size(); ++k) {
     motions[1].push_back(family.controller(*model, roles, gait, k));
@@ -180,9 +183,8 @@ void Body::add_family(Kind kind, const MotionFamily& family, core::ThreadExecuto
   s.hold_from = family.hold_from;
   s.hold_to = family.hold_to;
   s.depth = family.depth;
-  // What matters about a cliff is not to step over its edge.
-  if (kind == Kind::drop) s.slide = 0.4;
-  s.regulator = std::make_shared<control::TrackingRegulator>(make_regulator(*model, roles, gait, kind, family, executor));
+  s.slide = slide_of(kind);
+  if (!family.gains.empty()) s.regulator = std::make_shared<control::TrackingRegulator>(make_regulator(*model, roles, gait, family));
 }
 
 }  // namespace terrain_runner

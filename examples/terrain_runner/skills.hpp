@@ -10,6 +10,7 @@
 #include "gait_clock.hpp"
 #include "motion_family.hpp"
 #include "traceur/control/clearing.hpp"
+#include "traceur/control/regulator_practice.hpp"
 #include "traceur/core/executor.hpp"
 #include "traceur/parameterize/continuation.hpp"
 #include "traceur/plan/step_planner.hpp"
@@ -105,27 +106,31 @@ struct ObstacleSkill {
   control::Hurdle hurdle(double height) const;
 };
 
+/// How far from its place a manoeuvre may be done, m.
+double slide_of(Kind kind);
 /// What an obstacle of a kind is in the way; `depth` is that of boxes, m.
 control::Hurdle hurdle_of(Kind kind, double height, double depth);
 /// Ground with an obstacle at x = 0.
 sim::Ground<float> ground_of(const control::Hurdle& hurdle);
 
-/// Keeps runners on a family's motions, from linearizing the simulator about each.
-control::TrackingRegulator make_regulator(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, Kind kind,
-                                          const MotionFamily& family, traceur::core::ThreadExecutor& executor);
+/// Keeps runners on a family's motions.
+control::TrackingRegulator make_regulator(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const MotionFamily& family);
 
-/// Starts from which a regulator is tried: perturbed by up to so much.
+/// Starts from which a regulator practises: states in which manoeuvres begin, or, where there are none yet, that in which the
+/// motion does, perturbed by up to so much.
 struct RegulatedStarts {
-  int count = 64;
+  std::vector<control::RunningState> states;
+  double distance = 0;        ///< from the centre of mass to the obstacle where the states should be, m
   double place = 0.1;         ///< m, along the run
+  double slide = 0;           ///< m, how far the motion may be done from its place
   double velocity = 0.2;      ///< m/s, along each axis
   double joint_angle = 0.06;  ///< rad
-  std::uint64_t seed = 1;
 };
 
-/// Share of perturbed starts from which a regulator keeps a runner on the k-th motion of a family to its end.
-double regulated_share(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const control::Hurdle& hurdle,
-                       const MotionFamily& family, std::size_t k, const RegulatedStarts& starts = {});
+/// A regulator for the k-th motion of a family, by practice.
+control::PractisedRegulator practise(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const control::Hurdle& hurdle,
+                                     const MotionFamily& family, std::size_t k, const RegulatedStarts& starts, const control::PracticeSettings& settings,
+                                     traceur::core::ThreadExecutor& executor);
 
 /// Everything that playing the skills needs, made from the gait once.
 struct Body {
@@ -137,7 +142,7 @@ struct Body {
 
   Body(const sim::Model& m, const control::Roles& r, const control::Controller& gait);
   const ObstacleSkill& skill(Kind kind) const { return skills[index_of(kind)]; }
-  void add_family(Kind kind, const MotionFamily& family, traceur::core::ThreadExecutor& executor);
+  void add_family(Kind kind, const MotionFamily& family);
 
 private:
   void add(Kind kind, const std::array<std::vector<control::Controller>, 2>& motions, const std::vector<double>& heights,

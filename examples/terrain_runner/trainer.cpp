@@ -14,6 +14,7 @@
 
 namespace terrain_runner {
 
+namespace fs = std::filesystem;
 using namespace traceur;
 using example::interruption_asked;
 using example::Interrupted;
@@ -65,6 +66,13 @@ PerWorker<Trials, Make> per_worker(int workers, Make make) {
   return {workers, std::move(make)};
 }
 
+/// Sampling around a plan that is nearly right already.
+control::SamplingParameters narrowed(control::SamplingParameters p) {
+  for (double* sigma : {&p.hip, &p.leg, &p.trunk, &p.head}) *sigma *= 0.25;
+  p.rounds = (p.rounds + 1) / 2;
+  return p;
+}
+
 /// Eq. 8's frequencies are the clip's own.
 control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
   p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
@@ -72,13 +80,6 @@ control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
 }
 
 }  // namespace
-
-RegulatedStarts Effort::regulated_starts(Kind kind) {
-  RegulatedStarts starts;
-  // Whoever comes too far or not far enough drops there.
-  if (kind == Kind::drop) starts.place = 0;
-  return starts;
-}
 
 Effort Effort::of(bool quick, std::uint64_t seed) {
   Effort e;
@@ -110,10 +111,12 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     m.heights = spaced(first, last, 1 + static_cast<int>(std::lround((last - first) / every)));
     m.first_height = m.heights[m.heights.size() / 2];
   };
-  family(Kind::jump, 0.1, 0.5, 5);
-  family(Kind::vault, 0.6, 0.8, 5);
+  family(Kind::jump, 0.1, 0.6, 6);
+  family(Kind::vault, 0.6, 0.85, 6);
   family(Kind::drop, 0.9, 2.0, 12);
-  e.clearing.seed = seed;
+  e.clearing.seed = e.practice.seed = seed;
+  e.practice.rounds = 5;
+  e.practice.rank = 12;
   // States of courses are as they are; what is not steady after so many steps falls later.
   e.clearing.place = 0.1;
   e.clearing.velocity = 0.1;
@@ -132,8 +135,11 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
       k.first_height = k.heights[0];
       k.sampling_rounds = 2;
       k.plans = 1;
+      k.most_error = 10;
       k.share = 0;
     }
+    e.practice.rounds = 1;
+    e.practice.rollouts = e.practice.trials = 64;
     e.clearing_trials = 16;
     e.round_generations = e.recovery_generations = 10;
     e.arrival_courses = e.choice_courses = 16;
@@ -319,14 +325,40 @@ std::vector<control::RunningState> Trainer::arrivals(Kind kind, const RunningMod
   return std::move(found.arrivals);
 }
 
-MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, const Body& body, const GaitEvents& events) {
+RegulatedStarts Trainer::regulated_starts(Kind kind, const RunningModel& running, const Body& body, const MotionFamily& first,
+                                          const plan::StepLength<double>& length) {
+  // Where a manoeuvre begins is all one to what comes of it, so that any motion does to see that.
+  Body with(body);
+  with.add_family(kind, first);
+  const ManoeuvreNumbers& n = with.skill(kind).numbers;
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(n.size());
+  x[n.beta()] = 1;
+  const auto begins = [&] {
+    OnCourses found = run_courses(kind, running, with, [&](double) { return x; }, length, 1, 4 * effort_.arrival_courses, 0);
+    if (found.arrivals.empty()) throw Error(std::string(name_of(kind)) + ": no runner gets to an obstacle");
+    return std::move(found.arrivals);
+  };
+  const auto off = begins();
+  for (const control::RunningState& state : off) x[n.distance()] += state.off / static_cast<double>(off.size());
+  RegulatedStarts starts;
+  starts.states = begins();
+  starts.distance = with.skill(kind).distance + x[n.distance()];
+  starts.place = effort_.clearing.place;
+  starts.velocity = effort_.clearing.velocity;
+  starts.joint_angle = 0;
+  starts.slide = slide_of(kind);
+  return starts;
+}
+
+MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, const Body& body, const Measured& measured, std::optional<MotionFamily> from) {
   const ManoeuvreEffort& effort = effort_.kinds[index_of(kind)];
   const control::Controller& gait = body.gait;
+  const fs::path path = folder_ / (std::string(name_of(kind)) + ".safetensors");
   // It begins and ends as runners on courses are, which is not quite as the gait's own reference is.
   const double speed = body.wide.table.speed();
   const Eigen::VectorXd control = running({0, speed});
   const control::Controller steady = steady_running(body, control, speed);
-  GaitClock clock(model_, steady, events);
+  GaitClock clock(model_, steady, measured.events);
   clock.rate = 1 / control[body.wide.shape.beta()];
   control::SamplingParameters p;
   p.steps_per_tick = gait.steps_per_tick;
@@ -340,16 +372,20 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
   w.root_rotation = 10;
   w.root_angular_velocity = 0.2;
   const control::TrackingCost cost(model_, roles_, control::tracked_points(model_, roles_), w);
-  const RegulatedStarts starts = Effort::regulated_starts(kind);
-  MotionFamily f;
-  std::size_t family_size = 0;
-  for (const double h : effort.family_heights) {
+  std::optional<RegulatedStarts> starts;
+  MotionFamily f = from ? std::move(*from) : MotionFamily{};
+  if (!f.heights.empty()) starts = regulated_starts(kind, running, body, f, measured.length);
+  for (std::size_t k = f.heights.size(); k < effort.family_heights.size(); ++k) {
+    const double h = effort.family_heights[k];
     Authored a = author(kind, model_, roles_, clock, h);
     a.reference.velocities.col(0) = steady.reference.velocities.col(clock.left_step);
     control::measure_reference(model_, roles_, cost.points(), a.reference);
     const control::Hurdle hurdle = hurdle_of(kind, h, a.depth);
     const ClearingAid aid(model_, roles_, hurdle, a.hold_from, a.hold_to);
     p.targets = a.targets;
+    // The next height is sought around the one before, or what lies between them would be like neither.
+    p.offsets = f.plan_offsets;
+    const control::SamplingParameters narrow = narrowed(p);
     const auto ground = ground_of(hurdle);
     MotionFamily one;
     one.heights = {h};
@@ -361,69 +397,60 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
     one.hold_from = a.hold_from;
     one.hold_to = a.hold_to;
     one.depth = a.depth;
-    if (family_size == 0) {
+    if (k == 0) {
       f = one;
       f.heights.clear();
     }
     // Plans that end alike differ in how well they can be kept to: of some the best is taken.
-    double best = -1;
+    control::PractisedRegulator best;
+    best.share = -1;
     Eigen::MatrixXd offsets;
-    for (int plan = 0; plan < effort.plans && best < effort.good_plan; ++plan) {
-      p.seed = effort_.clearing.seed + static_cast<std::uint64_t>(plan);
+    for (int plan = 0; plan < effort.plans && best.share < effort.good_plan; ++plan) {
+      // Where nothing does near the one before, it is sought farther away.
+      const bool near = k > 0 && (best.share >= 0 || plan < effort.plans / 2);
+      control::SamplingParameters of_plan = near ? narrow : p;
+      of_plan.seed = effort_.clearing.seed + static_cast<std::uint64_t>(plan);
       const control::SampledControl s = control::sample_control<Lane>(
-          model_, gait.simulation, ground, cost, a.reference, p, executor_, [](int, double) { return !interruption_asked(); }, aid);
+          model_, gait.simulation, ground, cost, a.reference, of_plan, executor_, [](int, double) { return !interruption_asked(); }, aid);
       if (interruption_asked()) throw Interrupted{};
       one.targets = {s.targets};
       one.poses = {s.poses};
       one.velocities = {s.velocities};
-      const double share = regulated_share(model_, roles_, gait, hurdle, one, 0, starts);
-      progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts", h, plan + 1, 100 * s.mean_joint_error, 100 * share));
-      if (share <= best) continue;
-      best = share;
-      offsets = s.offsets;
-      if (f.heights.size() < family_size + 1) {
-        f.heights.push_back(h);
-        f.targets.emplace_back();
-        f.poses.emplace_back();
-        f.velocities.emplace_back();
+      if (s.mean_joint_error > effort.most_error) {
+        progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, which is too much", h, plan + 1, 100 * s.mean_joint_error));
+        continue;
       }
-      f.targets.back() = one.targets[0];
-      f.poses.back() = one.poses[0];
-      f.velocities.back() = one.velocities[0];
+      if (!starts) starts = regulated_starts(kind, running, body, one, measured.length);
+      const control::PractisedRegulator r = practise(model_, roles_, gait, hurdle, one, 0, *starts, effort_.practice, executor_);
+      if (interruption_asked()) throw Interrupted{};
+      progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts after %d rounds of practice", h, plan + 1,
+                                    100 * s.mean_joint_error, 100 * r.share, r.round));
+      if (r.share <= best.share) continue;
+      best = r;
+      offsets = s.offsets;
+      f.heights.resize(k + 1, h);
+      f.targets.resize(k + 1);
+      f.poses.resize(k + 1);
+      f.velocities.resize(k + 1);
+      f.gains.resize(k + 1);
+      f.targets[k] = one.targets[0];
+      f.poses[k] = one.poses[0];
+      f.velocities[k] = one.velocities[0];
+      f.gains[k] = best.gains;
     }
-    ++family_size;
-    // The next height is sought around this one, or what lies between them would be like neither.
-    p.offsets = offsets;
-    if (family_size == 1) {
-      for (double* sigma : {&p.hip, &p.leg, &p.trunk, &p.head}) *sigma *= 0.25;
-      p.rounds = (p.rounds + 1) / 2;
+    if (best.share < 0 && k == 0) throw Error(std::string(name_of(kind)) + ": no plan gets over " + text("%.2f m", h));
+    if (best.share < 0) {
+      progress_(name_of(kind), text("no plan gets over %.2f m", h));
+      f.plan_offsets = {};
+      write_family(path, f);
+      return f;
     }
+    f.plan_offsets = k + 1 < effort.family_heights.size() ? offsets : Eigen::MatrixXd();
+    write_family(path, f);
+    // What goes on is what a resumed job would read.
+    f = read_family(path, model_);
   }
-  write_family(folder_ / (std::string(name_of(kind)) + ".safetensors"), f);
   return f;
-}
-
-void Trainer::choose_efforts(Kind kind, const Body& body, MotionFamily& family) {
-  constexpr std::array efforts{10.0, 3.0, 30.0};
-  const std::size_t count = family.heights.size();
-  std::vector<double> shares(count * efforts.size());
-  executor_.run(static_cast<int>(shares.size()), [&](int job, int) {
-    if (interruption_asked()) return;
-    const std::size_t k = static_cast<std::size_t>(job) / efforts.size();
-    MotionFamily one = family;
-    one.effort.assign(count, efforts[static_cast<std::size_t>(job) % efforts.size()]);
-    shares[static_cast<std::size_t>(job)] =
-        regulated_share(model_, roles_, body.gait, hurdle_of(kind, family.heights[k], family.depth), one, k, Effort::regulated_starts(kind));
-  });
-  if (interruption_asked()) throw Interrupted{};
-  family.effort.clear();
-  for (std::size_t k = 0; k < count; ++k) {
-    const auto* of = shares.data() + k * efforts.size();
-    const auto best = std::max_element(of, of + efforts.size()) - of;
-    family.effort.push_back(efforts[static_cast<std::size_t>(best)]);
-    progress_(name_of(kind), text("over %.2f m: effort %.0f, kept to from %.0f %% of starts", family.heights[k], family.effort[k], 100 * of[best]));
-  }
-  write_family(folder_ / (std::string(name_of(kind)) + ".safetensors"), family);
 }
 
 /// Trials of one way to clear obstacles of several heights, many at a time.

@@ -24,7 +24,8 @@ struct ManoeuvreEffort {
   std::vector<double> family_heights;    ///< where it is sampled, m, increasing;
   int sampling_rounds = 14;              ///< for how long,
   int plans = 8;                         ///< and how often at most,
-  double good_plan = 0.9;                ///< unless from this share of perturbed starts one is kept to
+  double most_error = 0.2;               ///< m: joints of a plan farther than that from what was meant are elsewhere
+  double good_plan = 0.98;               ///< unless from this share of starts one is kept to
   double first_height = 0.2;             ///< m: where the law is first said to do
   int rounds = 0;                        ///< of states from courses, law and transOut
   double share = 0.9;                    ///< of trials that must clear it and run on
@@ -38,6 +39,7 @@ struct Effort {
   control::RunningTask hardest_wander;
   std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
   OfKinds<ManoeuvreEffort> kinds;
+  control::PracticeSettings practice;    ///< of regulators
   control::ClearingSettings clearing;    ///< trials of manoeuvres, from states of courses
   int clearing_population = 32, clearing_trials = 64;
   double clearing_good_cost = 0.8;       ///< with which a search ends early if all its trials clear the obstacle
@@ -47,7 +49,6 @@ struct Effort {
   int max_attempts = 2;
 
   static Effort of(bool quick, std::uint64_t seed);
-  static RegulatedStarts regulated_starts(Kind kind);
 };
 
 /// How well one node of the running range is done, on starts that learning never saw.
@@ -76,10 +77,9 @@ public:
   control::Controller make_gait(const control::Controller& from);
   /// Spreads the gait over speeds and turns. `on_range` is told after each round.
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
-  /// Simulates a manoeuvre as it was authored, over obstacles of several heights, by sampling control.
-  MotionFamily sample_family(Kind kind, const RunningModel& running, const Body& body, const GaitEvents& events);
-  /// Chooses for each height how hard a regulator shall try: from most of perturbed starts it is to keep to the motion.
-  void choose_efforts(Kind kind, const Body& body, MotionFamily& family);
+  /// Simulates a manoeuvre as it was authored, over obstacles of several heights, by sampling control, and makes a regulator
+  /// for each by practice; goes on with what there is already.
+  MotionFamily sample_family(Kind kind, const RunningModel& running, const Body& body, const Measured& measured, std::optional<MotionFamily> from);
   /// Learns a manoeuvre, improves it and what follows it from states in which manoeuvres on courses begin, and spreads it
   /// over heights.
   traceur::parameterize::Continuation learn_clearing(Kind kind, const RunningModel& running, const Body& body,
@@ -111,6 +111,9 @@ private:
   };
   OnCourses run_courses(Kind kind, const RunningModel& running, const Body& body, const ManoeuvreModel& manoeuvre,
                         const traceur::plan::StepLength<double>& length, int obstacles, int count, std::uint64_t first);
+  /// States in which manoeuvres begin on courses, for a family's regulators to practise from.
+  RegulatedStarts regulated_starts(Kind kind, const RunningModel& running, const Body& body, const MotionFamily& first,
+                                   const traceur::plan::StepLength<double>& length);
   /// Running as it is on courses, on average: the gait with its reference reset to that.
   control::Controller steady_running(const Body& body, const Eigen::VectorXd& control, double speed);
   struct Search;

@@ -25,6 +25,7 @@
 #include <traceur/control/motion_table.hpp>
 #include <traceur/control/pd_targets.hpp>
 #include <traceur/control/phases.hpp>
+#include <traceur/control/regulator_practice.hpp>
 #include <traceur/control/resimulate.hpp>
 #include <traceur/control/roles.hpp>
 #include <traceur/control/running.hpp>

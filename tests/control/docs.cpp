@@ -4,6 +4,7 @@
 #include <traceur/control/make_controller.hpp>
 #include <traceur/control/running_search.hpp>
 #include <traceur/control/sampling_control.hpp>
+#include <traceur/control/regulator_practice.hpp>
 #include <traceur/control/tracking_regulator.hpp>
 #include <traceur/io/mjcf.hpp>
 
@@ -59,7 +60,22 @@ TEST_CASE("docs/control.md") {
       control::regulator_gains(ticks, control::regulator_costs(model, settings, motion.ticks()), settings.effort);
   const control::TrackingRegulator regulator(model, roles, {1}, {motion}, {gains});
 
+  // By practice.
+  control::PracticeSettings practice;
+  practice.rounds = 1;
+  practice.rollouts = practice.trials = 16;
+  const auto begin = [&](core::RandomStream& random) {
+    control::PracticeStart s{{motion.poses.col(0), motion.velocities.col(0)}};
+    s.velocity[0] += random.uniform(-0.3, 0.3);
+    return s;
+  };
+  const control::RegulatorPractice<S, decltype(nothing)> practise(model, roles, simulation, ground, {}, motion, motion.ticks(),
+                                                                  sampling.steps_per_tick, settings, practice, nothing);
+  const control::PractisedRegulator practised = practise.run(begin, threads);
+  const control::TrackingRegulator better(model, roles, {1}, {motion}, std::vector(1, practised.gains));
+
   CHECK(regulator.ticks() == static_cast<int>(sampled.targets.cols()));
+  CHECK(better.ticks() == regulator.ticks());
   CHECK(sampled.mean_joint_error < 0.1);
   CHECK(controller.law.size() == 297);
   REQUIRE(trials.size() == 16);

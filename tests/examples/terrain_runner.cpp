@@ -109,6 +109,25 @@ TEST_CASE("one step is met from many distances") {
   CHECK(successes == found["successes"]);
 }
 
+TEST_CASE("steps, boxes and cliffs are cleared in another engine as they are") {
+#ifndef EXAMPLES_WITH_MUJOCO
+  MESSAGE("skipped: this build has no MuJoCo");
+#else
+  const fs::path folder = fresh("terrain_runner", "engine"), out = folder / "out";
+  REQUIRE(runner(folder, "evaluate --approach --trials 8 --simulator mujoco --out " + out.string()).status == 0);
+  const nlohmann::json all = report_of(out)["approach"];
+  REQUIRE(all.size() == 3);
+  for (const nlohmann::json& found : all) {
+    CAPTURE(found["skill"].get<std::string>());
+    CHECK(found["trials"] == 8);
+    // Most who drop fall in the steps after the roll there.
+    CHECK(found["successes"].get<int>() >= (found["skill"] == "drop" ? 0 : 5));
+  }
+  REQUIRE(runner(folder, "run --kinds jump --jump 0.2 0.2 --simulator mujoco --out " + out.string()).status == 0);
+  CHECK(report_of(out)["distance_m"].get<double>() > 20);
+#endif
+}
+
 TEST_CASE("skills are shown on a page that needs no other file") {
   const fs::path folder = fresh("terrain_runner", "plot"), known = folder / "skills", out = folder / "out";
   const auto count = [](const std::string& text, const std::string& part) {
@@ -191,13 +210,13 @@ TEST_CASE("steps, boxes and cliffs are cleared, on courses of all of them as wel
   const fs::path folder = fresh("terrain_runner", "kinds"), out = folder / "out";
   for (const std::string kind : {"jump", "vault", "drop"}) {
     CAPTURE(kind);
-    const std::string range = kind == "jump" ? "0.1 0.5" : kind == "vault" ? "0.6 0.7" : "1 1.6";
+    const std::string range = kind == "jump" ? "0.1 0.6" : kind == "vault" ? "0.6 0.8" : "0.9 1.7";
     const std::string courses = "evaluate --kinds " + kind + " --" + kind + " " + range + " --obstacles 1 --out " + out.string();
     REQUIRE(runner(folder, courses + " --courses 32").status == 0);
     const nlohmann::json found = report_of(out)["by_kind"];
     CHECK(found.size() == 1);
     CHECK(found[kind]["met"] == 32);
-    CHECK(found[kind]["cleared"].get<int>() >= 24);
+    CHECK(found[kind]["cleared"].get<int>() >= 28);
     // Without its law the regulator is gone as well, and hardly anybody gets over.
     REQUIRE(runner(folder, courses + " --courses 8 --without feedback").status == 0);
     CHECK(report_of(out)["obstacles_cleared"].get<int>() <= 2);
@@ -205,7 +224,7 @@ TEST_CASE("steps, boxes and cliffs are cleared, on courses of all of them as wel
   REQUIRE(runner(folder, "evaluate --courses 16 --obstacles 3 --out " + out.string()).status == 0);
   const nlohmann::json mixed = report_of(out);
   for (const char* kind : {"jump", "vault", "drop"}) CHECK(mixed["by_kind"][kind]["met"].get<int>() > 0);
-  CHECK(mixed["obstacles_cleared"].get<int>() >= 32);
+  CHECK(mixed["obstacles_cleared"].get<int>() >= 40);
 }
 
 TEST_CASE("runners fly, vault by hand and roll over") {
@@ -278,6 +297,7 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   refused("compare --resume " + (folder / "empty").string() + " --out " + out.string(), "--resume");
   refused("plot " + (folder / "empty").string() + " --out " + out.string(), "gait.json");
   refused("run --kinds hop --out " + out.string(), "--kinds");
+  refused("run --simulator physix --out " + out.string(), "--simulator");
   refused("run --fresh --seed 3 --out " + out.string(), "--fresh");
   refused("run --kinds vault " + (folder / "nothing").string() + " --out " + out.string(), "nothing");
   fs::create_directories(folder / "half");

@@ -26,6 +26,8 @@ public:
   void push(int joint, const double* force, const double* point) override {
     simulator_.push(0, joint, Vector3::from(force), Vector3::from(point));
   }
+  void hold(int joint, const double* point, const double* anchor) override { simulator_.hold(0, joint, Vector3::from(point), Vector3::from(anchor)); }
+  void release(int joint) override { simulator_.release(0, joint); }
   void contact_force(int joint, double* out) const override { simulator_.contact_force(0, joint).store(out); }
   void step(int count) override { simulator_.step(count); }
   void pose(double* q) const override {

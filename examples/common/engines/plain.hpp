@@ -24,6 +24,8 @@ public:
   virtual void reset(const double* q, const double* v) = 0;
   virtual void set_target(const double* q) = 0;
   virtual void push(int joint, const double* force, const double* point) = 0;
+  virtual void hold(int joint, const double* point, const double* anchor) = 0;
+  virtual void release(int joint) = 0;
   virtual void contact_force(int joint, double* out) const = 0;
   virtual void step(int count) = 0;
   virtual void pose(double* q) const = 0;

@@ -32,6 +32,9 @@ class Engine {
   virtual void begin(const sim::Lanes<S>& lanes, int used) = 0;
   /// Force (N, world) on moving body `body` at a point of its frame (m), during the next call of `step`.
   virtual void push(int lane, int body, const core::Vector3<double>& force, const core::Vector3<double>& point) = 0;
+  /// Ties a place on the character to one in the world (m) until it is released. Throws Error where it knows no grips.
+  virtual void hold(int /*lane*/, const sim::GripPoint&, const core::Vector3<double>& /*anchor*/) { throw Error("engine: it knows no grips"); }
+  virtual void release(int /*lane*/, const sim::GripPoint&) {}
   /// Moves the lanes that are wanted by `seconds` towards their targets and writes into them poses, velocities, mean contact
   /// forces and failures, refreshed. Other lanes may stay where they are. Throws Error when it cannot step by that much.
   virtual void step(sim::Lanes<S>& lanes, double seconds, std::span<const bool> wanted) = 0;
@@ -97,6 +100,16 @@ class SimulatorEngine final : public Engine<S> {
       simulator(lane).push(seat(lane).lane, joint, force, point);
     else
       throw Error("engine: its simulator knows no pushes");
+  }
+
+  void hold(int lane, const sim::GripPoint& grip, const core::Vector3<double>& anchor) override {
+    if constexpr (requires(W w) { w.hold(lane, grip.joint, grip.point, anchor); })
+      simulator(lane).hold(seat(lane).lane, grip.joint, grip.point, anchor);
+    else
+      Engine<S>::hold(lane, grip, anchor);
+  }
+  void release(int lane, const sim::GripPoint& grip) override {
+    if constexpr (requires(W w) { w.release(lane, grip.joint); }) simulator(lane).release(seat(lane).lane, grip.joint);
   }
 
   void step(sim::Lanes<S>& lanes, double seconds, std::span<const bool> wanted) override {

@@ -9,6 +9,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Eigenvalues>
 
 #include "traceur/control/mirror.hpp"
 #include "traceur/control/skill_player.hpp"
@@ -162,6 +163,23 @@ inline std::vector<Eigen::MatrixXd> regulator_gains(const std::vector<Linearized
   return gains;
 }
 
+/// A gain matrix as a product, of which `right` is applied first; `left` alone where `right` is empty.
+struct Gain {
+  Eigen::MatrixXf left, right;
+
+  int inputs() const { return static_cast<int>(right.size() > 0 ? right.cols() : left.cols()); }
+};
+
+/// The product of that rank that is nearest to a gain matrix; as it is where it has no more than that, or `rank` is 0.
+inline Gain reduced_gain(const Eigen::MatrixXd& k, int rank) {
+  if (rank < 0) throw Error("regulator: expected a rank of zero or more");
+  if (rank == 0 || rank >= std::min(k.rows(), k.cols())) return {k.cast<float>(), {}};
+  // The left singular vectors are those of K K', which is small.
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> of(k * k.transpose());
+  const Eigen::MatrixXd left = of.eigenvectors().rightCols(rank);
+  return {left.cast<float>(), (left.transpose() * k).cast<float>()};
+}
+
 /// The diagonals of Q, in the order of x, of so many ticks and of the end: 2 nv x (ticks + 1).
 inline Eigen::MatrixXd regulator_costs(const sim::Model& model, const RegulatorSettings& s, int ticks) {
   const int nv = model.nv;
@@ -185,7 +203,7 @@ public:
   /// What a call of `apply` needs to write to; one for each thread.
   struct Scratch {
     Eigen::VectorXd pose, reference, other, velocity, tangent, target;
-    Eigen::VectorXf state, correction;
+    Eigen::VectorXf state, reduced, correction;
   };
 
   TrackingRegulator() = default;
@@ -193,15 +211,20 @@ public:
   /// `most` rad in any coordinate. The model must outlive it.
   TrackingRegulator(const sim::Model& model, const Roles& roles, std::vector<double> sizes, std::vector<SimulatedMotion> motions,
                     const std::vector<std::vector<Eigen::MatrixXd>>& gains, double most = 0.6)
-      : model_(&model), roles_(roles), sizes_(std::move(sizes)), motions_(std::move(motions)), most_(most) {
-    if (sizes_.empty() || motions_.size() != sizes_.size() || gains.size() != sizes_.size())
+      : TrackingRegulator(model, roles, std::move(sizes), std::move(motions), whole(gains), most) {}
+  /// The same of gains of low rank.
+  TrackingRegulator(const sim::Model& model, const Roles& roles, std::vector<double> sizes, std::vector<SimulatedMotion> motions,
+                    std::vector<std::vector<Gain>> gains, double most = 0.6)
+      : model_(&model), roles_(roles), sizes_(std::move(sizes)), motions_(std::move(motions)), gains_(std::move(gains)), most_(most) {
+    if (sizes_.empty() || motions_.size() != sizes_.size() || gains_.size() != sizes_.size())
       throw Error("regulator: expected a motion and gains for each size, and one or more");
     for (std::size_t k = 0; k < sizes_.size(); ++k) {
       if (k > 0 && !(sizes_[k] > sizes_[k - 1])) throw Error("regulator: expected sizes that increase");
-      if (motions_[k].ticks() != motions_[0].ticks() || gains[k].size() > static_cast<std::size_t>(motions_[k].ticks()) || gains[k].size() != gains[0].size())
+      if (motions_[k].ticks() != motions_[0].ticks() || gains_[k].size() > static_cast<std::size_t>(motions_[k].ticks()) || gains_[k].size() != gains_[0].size())
         throw Error("regulator: expected motions and gains of as many ticks at all sizes");
-      gains_.emplace_back();
-      for (const Eigen::MatrixXd& g : gains[k]) gains_.back().push_back(g.cast<float>());
+      for (const Gain& g : gains_[k])
+        if (g.left.rows() != model.nv - 6 || g.inputs() != 2 * model.nv || (g.right.size() > 0 && g.right.rows() != g.left.cols()))
+          throw Error("regulator: expected gains of the model's size");
     }
   }
 
@@ -210,7 +233,7 @@ public:
   static Scratch scratch(const sim::Model& model) {
     const int nq = model.nq, nv = model.nv;
     const auto of = [](int n) { return Eigen::VectorXd(n); };
-    return {of(nq), of(nq), of(nq), of(nv), of(nv), of(nq), Eigen::VectorXf(2 * nv), Eigen::VectorXf(nv - 6)};
+    return {of(nq), of(nq), of(nq), of(nv), of(nv), of(nq), Eigen::VectorXf(2 * nv), Eigen::VectorXf(nv - 6), Eigen::VectorXf(nv - 6)};
   }
 
   /// Adds to the targets of a lane what keeps it on the motion for an obstacle of some size at a phase (ticks), seen from a
@@ -251,8 +274,9 @@ public:
     w.tangent = w.velocity - (1 - share) * motions_[k].velocities.col(t) - share * motions_[next].velocities.col(t);
     w.state.tail(nv) = w.tangent.cast<float>();
     const auto at = static_cast<std::size_t>(t);
-    w.correction.noalias() = static_cast<float>(share - 1) * (gains_[k][at] * w.state);
-    if (share > 0) w.correction.noalias() -= static_cast<float>(share) * (gains_[next][at] * w.state);
+    w.correction.setZero();
+    subtract(gains_[k][at], static_cast<float>(1 - share), w);
+    if (share > 0) subtract(gains_[next][at], static_cast<float>(share), w);
     w.tangent.head(6).setZero();
     for (int i = 6; i < nv; ++i) w.tangent[i] = std::clamp(static_cast<double>(w.correction[i - 6]), -most_, most_);
     if (in_mirror) {
@@ -267,11 +291,27 @@ public:
   }
 
 private:
+  static std::vector<std::vector<Gain>> whole(const std::vector<std::vector<Eigen::MatrixXd>>& gains) {
+    std::vector<std::vector<Gain>> out(gains.size());
+    for (std::size_t k = 0; k < gains.size(); ++k)
+      for (const Eigen::MatrixXd& g : gains[k]) out[k].push_back({g.cast<float>(), {}});
+    return out;
+  }
+  static void subtract(const Gain& g, float share, Scratch& w) noexcept {
+    if (g.right.size() == 0) {
+      w.correction.noalias() -= share * (g.left * w.state);
+      return;
+    }
+    auto middle = w.reduced.head(g.right.rows());
+    middle.noalias() = g.right * w.state;
+    w.correction.noalias() -= share * (g.left * middle);
+  }
+
   const sim::Model* model_ = nullptr;
   Roles roles_;
   std::vector<double> sizes_;
   std::vector<SimulatedMotion> motions_;
-  std::vector<std::vector<Eigen::MatrixXf>> gains_;
+  std::vector<std::vector<Gain>> gains_;
   double most_ = 0.6;
 };
 

@@ -27,9 +27,9 @@
 
 namespace traceur::io {
 
-/// What can be put into a tensor and taken out of one: F32, F64 and I64.
+/// What can be put into a tensor and taken out of one: F32, F64, I64 and I8.
 template <class T>
-concept TensorScalar = std::same_as<T, float> || std::same_as<T, double> || std::same_as<T, std::int64_t>;
+concept TensorScalar = std::same_as<T, float> || std::same_as<T, double> || std::same_as<T, std::int64_t> || std::same_as<T, std::int8_t>;
 
 /// An array of the safetensors format: its shape, outermost dimension first, and its bytes, row-major and little-endian.
 struct Tensor {
@@ -71,6 +71,8 @@ constexpr const char* tensor_type() noexcept {
     return "F32";
   } else if constexpr (std::same_as<T, double>) {
     return "F64";
+  } else if constexpr (std::same_as<T, std::int8_t>) {
+    return "I8";
   } else {
     return "I64";
   }
