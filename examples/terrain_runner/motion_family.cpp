@@ -202,7 +202,11 @@ MotionFamily read_family(const fs::path& path, const sim::Model& model) {
   f.placed = times[3];
   if (f.end < 1) throw Error(path.string() + ": expected an end after the begin");
   read_gains(file, model, f);
-  if (file.find("offsets")) f.plan_offsets = matrix(file, "offsets");
+  if (file.find("offsets")) {
+    f.plan_offsets = matrix(file, "offsets");
+    file.read<double>("offsets.distance", std::span<double>(&f.plan_distance, 1));
+    if (!std::isfinite(f.plan_distance)) throw Error(path.string() + ": tensor 'offsets.distance': expected a finite number");
+  }
   std::array<double, 1> depth{};
   file.read<double>("depth", depth);
   f.depth = depth[0];
@@ -223,9 +227,11 @@ void write_family(const fs::path& path, const MotionFamily& f) {
   const std::array<double, 1> depth{f.depth};
   file.add<double>("depth", {1}, depth);
   add_gains(file, f);
-  if (f.plan_offsets.size() > 0)
+  if (f.plan_offsets.size() > 0) {
+    file.add<double>("offsets.distance", {1}, std::span<const double>(&f.plan_distance, 1));
     file.add<double>("offsets", {static_cast<std::size_t>(f.plan_offsets.cols()), static_cast<std::size_t>(f.plan_offsets.rows())},
                      std::span<const double>(f.plan_offsets.data(), static_cast<std::size_t>(f.plan_offsets.size())));
+  }
   io::write_safetensors(path, file);
 }
 

@@ -21,6 +21,7 @@ struct MotionFamily {
   int hold_from = 0, hold_to = 0;                           ///< ticks in which the right hand may hold on to the obstacle
   std::vector<std::vector<traceur::control::Gain>> gains;   ///< of each height, of each tick up to `end`: a regulator's
   Eigen::MatrixXd plan_offsets;                               ///< of the last height's plan, around which the next is sought; empty: there is none
+  double plan_distance = 0;                                 ///< m, beside it: from which the first plan began before the obstacle
   double depth = 0;                                         ///< of the obstacle along the way, m; 0: it has no other side
 
   int ticks() const { return static_cast<int>(stance.size()); }

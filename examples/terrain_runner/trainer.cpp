@@ -330,6 +330,8 @@ RegulatedStarts Trainer::regulated_starts(Kind kind, const RunningModel& running
   // Where a manoeuvre begins is all one to what comes of it, so that any motion does to see that.
   Body with(body);
   with.add_family(kind, first);
+  // Files hold poses in fewer digits than the plan had when it was first asked.
+  if (first.plan_offsets.size() > 0) with.skills[index_of(kind)].distance = first.plan_distance;
   const ManoeuvreNumbers& n = with.skill(kind).numbers;
   Eigen::VectorXd x = Eigen::VectorXd::Zero(n.size());
   x[n.beta()] = 1;
@@ -373,6 +375,7 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
   w.root_angular_velocity = 0.2;
   const control::TrackingCost cost(model_, roles_, control::tracked_points(model_, roles_), w);
   std::optional<RegulatedStarts> starts;
+  double first_distance = 0;
   MotionFamily f = from ? std::move(*from) : MotionFamily{};
   if (!f.heights.empty()) starts = regulated_starts(kind, running, body, f, measured.length);
   for (std::size_t k = f.heights.size(); k < effort.family_heights.size(); ++k) {
@@ -420,7 +423,10 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
         progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, which is too much", h, plan + 1, 100 * s.mean_joint_error));
         continue;
       }
-      if (!starts) starts = regulated_starts(kind, running, body, one, measured.length);
+      if (!starts) {
+        starts = regulated_starts(kind, running, body, one, measured.length);
+        first_distance = -one.controller(model_, roles_, gait, 0).reference.center_of_mass(0, 0);
+      }
       const control::PractisedRegulator r = practise(model_, roles_, gait, hurdle, one, 0, *starts, effort_.practice, executor_);
       if (interruption_asked()) throw Interrupted{};
       progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts after %d rounds of practice", h, plan + 1,
@@ -445,6 +451,7 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       write_family(path, f);
       return f;
     }
+    if (k == 0) f.plan_distance = first_distance;
     f.plan_offsets = k + 1 < effort.family_heights.size() ? offsets : Eigen::MatrixXd();
     write_family(path, f);
     // What goes on is what a resumed job would read.
