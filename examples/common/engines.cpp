@@ -69,6 +69,7 @@ std::shared_ptr<Engine> make_engine(const std::string& name, const std::string& 
   // One character each: what has fallen is then not simulated further.
   std::vector<EngineLane> lanes;
   for (std::size_t l = 0; l < core::lane_count<Lane>; ++l) {
+    request.heights_m = nullptr;
     if (const terrain::HeightGrid* g = terrain.empty() ? nullptr : terrain[std::min(l, terrain.size() - 1)]) {
       request.heights_m = g->heights().data();
       request.nx = g->nx();
