@@ -16,17 +16,18 @@ control::SimulatedMotion motion_of(const sim::Model& model, const control::Roles
   return {c.targets, c.reference.poses, c.reference.velocities};
 }
 
-}  // namespace
-
-control::PractisedRegulator practise(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const control::Hurdle& hurdle,
-                                     const MotionFamily& family, std::size_t k, const RegulatedStarts& starts, const control::PracticeSettings& settings,
-                                     core::ThreadExecutor& executor) {
-  const control::SimulatedMotion motion = motion_of(model, roles, gait, family, k);
+/// Does something with the practice of the k-th motion of a family and the starts it begins from.
+template <class Do>
+auto with_practice(const Regulated& of, const control::PracticeSettings& settings, Do&& something) {
+  const sim::Model& model = *of.model;
+  const MotionFamily& family = *of.family;
+  const RegulatedStarts& starts = *of.starts;
+  const control::SimulatedMotion motion = motion_of(model, of.roles, *of.gait, family, of.k);
   const RightHand hand(model, family.hold_from, family.hold_to);
-  const sim::Ground<float> ground = ground_of(hurdle);
+  const sim::Ground<float> ground = ground_of(of.hurdle);
   control::RegulatorSettings regulator;
   regulator.place_until = family.placed;
-  const control::RegulatorPractice<Lane, RightHand> practice(model, roles, gait.simulation, ground, hand.extras, motion, family.end, gait.steps_per_tick,
+  const control::RegulatorPractice<Lane, RightHand> practice(model, of.roles, of.gait->simulation, ground, hand.extras, motion, family.end, of.gait->steps_per_tick,
                                                              regulator, settings, hand);
   const auto begin = [&](core::RandomStream& random) {
     control::PracticeStart s{{motion.poses.col(0), motion.velocities.col(0)}};
@@ -47,7 +48,18 @@ control::PractisedRegulator practise(const sim::Model& model, const control::Rol
     body::displace(model.character.skeleton, s.pose.data(), d.data(), s.pose.data());
     return s;
   };
-  return practice.run(begin, executor);
+  return something(practice, begin);
+}
+
+}  // namespace
+
+control::PractisedRegulator practise(const Regulated& of, const control::PracticeSettings& settings, core::ThreadExecutor& executor) {
+  return with_practice(of, settings, [&](const auto& practice, const auto& begin) { return practice.run(begin, executor); });
+}
+
+control::RefinedTargets refine(const Regulated& of, const std::vector<control::Gain>& gains, const control::PracticeSettings& settings,
+                               const control::RefinementSettings& refinement, core::ThreadExecutor& executor) {
+  return with_practice(of, settings, [&](const auto& practice, const auto& begin) { return practice.refine(gains, refinement, begin, executor); });
 }
 
 control::TrackingRegulator make_regulator(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const MotionFamily& family) {

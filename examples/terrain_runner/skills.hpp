@@ -127,10 +127,23 @@ struct RegulatedStarts {
   double joint_angle = 0.06;  ///< rad
 };
 
-/// A regulator for the k-th motion of a family, by practice.
-control::PractisedRegulator practise(const sim::Model& model, const control::Roles& roles, const control::Controller& gait, const control::Hurdle& hurdle,
-                                     const MotionFamily& family, std::size_t k, const RegulatedStarts& starts, const control::PracticeSettings& settings,
-                                     traceur::core::ThreadExecutor& executor);
+/// What a regulator is made for: the k-th motion of a family, an obstacle, and starts. All must outlive it.
+struct Regulated {
+  const sim::Model* model = nullptr;
+  control::Roles roles;
+  const control::Controller* gait = nullptr;
+  control::Hurdle hurdle;
+  const MotionFamily* family = nullptr;
+  std::size_t k = 0;
+  const RegulatedStarts* starts = nullptr;
+};
+
+/// A regulator, by practice.
+control::PractisedRegulator practise(const Regulated& of, const control::PracticeSettings& settings, traceur::core::ThreadExecutor& executor);
+
+/// Targets with which such a regulator keeps more starts to the motion.
+control::RefinedTargets refine(const Regulated& of, const std::vector<control::Gain>& gains, const control::PracticeSettings& settings,
+                               const control::RefinementSettings& refinement, traceur::core::ThreadExecutor& executor);
 
 /// Everything that playing the skills needs, made from the gait once.
 struct Body {

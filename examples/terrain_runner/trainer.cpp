@@ -41,7 +41,7 @@ std::vector<double> spaced(double first, double last, int count) {
 Eigen::VectorXd to_vector(const std::vector<double>& x) { return Eigen::Map<const Eigen::VectorXd>(x.data(), static_cast<Eigen::Index>(x.size())); }
 
 std::string text(const char* format, auto... values) {
-  char line[200];
+  char line[300];
   std::snprintf(line, sizeof line, format, values...);
   return line;
 }
@@ -111,9 +111,11 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     m.heights = spaced(first, last, 1 + static_cast<int>(std::lround((last - first) / every)));
     m.first_height = m.heights[m.heights.size() / 2];
   };
-  family(Kind::jump, 0.1, 0.6, 6);
-  family(Kind::vault, 0.6, 0.85, 6);
+  family(Kind::jump, 0.1, 0.7, 7);
+  family(Kind::vault, 0.6, 0.9, 7);
   family(Kind::drop, 0.9, 2.0, 12);
+  // Between these, legs are bent enough that what lies halfway is like neither.
+  e.kinds[index_of(Kind::jump)].family_heights = {0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7};
   e.clearing.seed = e.practice.seed = seed;
   e.practice.rounds = 5;
   e.practice.rank = 12;
@@ -139,6 +141,7 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
       k.share = 0;
     }
     e.practice.rounds = 1;
+    e.refinement.generations = 1;
     e.practice.rollouts = e.practice.trials = 64;
     e.clearing_trials = 16;
     e.round_generations = e.recovery_generations = 10;
@@ -404,13 +407,14 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       f = one;
       f.heights.clear();
     }
-    // Plans that end alike differ in how well they can be kept to: of some the best is taken.
+    // Plans that end alike differ in how well they can be kept to: of some the best is taken, and refined.
     control::PractisedRegulator best;
     best.share = -1;
+    MotionFamily best_one;
     Eigen::MatrixXd offsets;
-    for (int plan = 0; plan < effort.plans && best.share < effort.good_plan; ++plan) {
+    for (int plan = 0, tried = 0; plan < effort.plans && tried < effort.plans_kept && best.share < effort.good_plan; ++plan) {
       // Where nothing does near the one before, it is sought farther away.
-      const bool near = k > 0 && (best.share >= 0 || plan < effort.plans / 2);
+      const bool near = k > 0 && (best.share >= 0 || plan < effort.plans / 4);
       control::SamplingParameters of_plan = near ? narrow : p;
       of_plan.seed = effort_.clearing.seed + static_cast<std::uint64_t>(plan);
       const control::SampledControl s = control::sample_control<Lane>(
@@ -427,22 +431,15 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
         starts = regulated_starts(kind, running, body, one, measured.length);
         first_distance = -one.controller(model_, roles_, gait, 0).reference.center_of_mass(0, 0);
       }
-      const control::PractisedRegulator r = practise(model_, roles_, gait, hurdle, one, 0, *starts, effort_.practice, executor_);
+      ++tried;
+      const control::PractisedRegulator r = practise({&model_, roles_, &gait, hurdle, &one, 0, &*starts}, effort_.practice, executor_);
       if (interruption_asked()) throw Interrupted{};
       progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts after %d rounds of practice", h, plan + 1,
                                     100 * s.mean_joint_error, 100 * r.share, r.round));
       if (r.share <= best.share) continue;
       best = r;
+      best_one = one;
       offsets = s.offsets;
-      f.heights.resize(k + 1, h);
-      f.targets.resize(k + 1);
-      f.poses.resize(k + 1);
-      f.velocities.resize(k + 1);
-      f.gains.resize(k + 1);
-      f.targets[k] = one.targets[0];
-      f.poses[k] = one.poses[0];
-      f.velocities[k] = one.velocities[0];
-      f.gains[k] = best.gains;
     }
     if (best.share < 0 && k == 0) throw Error(std::string(name_of(kind)) + ": no plan gets over " + text("%.2f m", h));
     if (best.share < 0) {
@@ -451,6 +448,18 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       write_family(path, f);
       return f;
     }
+    if (best.share < effort.good_plan) {
+      const control::RefinedTargets r =
+          refine({&model_, roles_, &gait, hurdle, &best_one, 0, &*starts}, best.gains, effort_.practice, effort_.refinement, executor_);
+      if (interruption_asked()) throw Interrupted{};
+      progress_(name_of(kind), text("over %.2f m: kept to from %.0f %% of starts after %d generations of refinement", h, 100 * r.share, r.generation));
+      best_one.targets[0].leftCols(best_one.end).bottomRows(model_.nq - 7) = r.targets.leftCols(best_one.end).bottomRows(model_.nq - 7);
+    }
+    f.heights.push_back(h);
+    f.targets.push_back(best_one.targets[0]);
+    f.poses.push_back(best_one.poses[0]);
+    f.velocities.push_back(best_one.velocities[0]);
+    f.gains.push_back(best.gains);
     if (k == 0) f.plan_distance = first_distance;
     f.plan_offsets = k + 1 < effort.family_heights.size() ? offsets : Eigen::MatrixXd();
     write_family(path, f);

@@ -24,6 +24,7 @@ struct ManoeuvreEffort {
   std::vector<double> family_heights;    ///< where it is sampled, m, increasing;
   int sampling_rounds = 14;              ///< for how long,
   int plans = 8;                         ///< and how often at most,
+  int plans_kept = 3;                    ///< or until so many were practised;
   double most_error = 0.2;               ///< m: joints of a plan farther than that from what was meant are elsewhere
   double good_plan = 0.98;               ///< unless from this share of starts one is kept to
   double first_height = 0.2;             ///< m: where the law is first said to do
@@ -40,6 +41,7 @@ struct Effort {
   std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
   OfKinds<ManoeuvreEffort> kinds;
   control::PracticeSettings practice;    ///< of regulators
+  control::RefinementSettings refinement;  ///< of their targets
   control::ClearingSettings clearing;    ///< trials of manoeuvres, from states of courses
   int clearing_population = 32, clearing_trials = 64;
   double clearing_good_cost = 0.8;       ///< with which a search ends early if all its trials clear the obstacle

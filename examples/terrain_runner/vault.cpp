@@ -65,11 +65,13 @@ Authored author_vault(const sim::Model& model, const control::Roles& roles, cons
     bool hand;
   };
   const Vector3<double> hold{middle, -0.26, height + 0.045};
+  // Over a high box one leans on the hand, legs beside the hips, and the trailing leg has farther to come.
+  const double high = std::clamp((height - shape.leans_from) / 0.2, 0.0, 1.0);
   const std::vector<Way> ways{
-      {0.22, 8, 20, {0.38, 0.20, 0.20}, {-0.45, -0.02, -0.35}, true},
-      {0.37, 16, 18, {0.45, 0.24, 0.26}, {-0.27, 0.10, 0.18}, true},
-      {0.52, 22, 15, {0.50, 0.26, 0.26}, {0.08, 0.20, 0.26}, true},
-      {0.70, 14, 10, {0.42, 0.16, 0.08}, {0.16, 0.12, 0.24}, false},
+      {0.22, 8 + 8 * high, 20, {0.38, 0.20, 0.20 - 0.08 * high}, {-0.45, -0.02, -0.35}, true},
+      {0.37, 16 + 14 * high, 18, {0.45, 0.24 + 0.10 * high, 0.26 - 0.06 * high}, {-0.27, 0.10, 0.18 - 0.20 * high}, true},
+      {0.52, 22 + 18 * high, 15, {0.50, 0.26 + 0.14 * high, 0.26 - 0.06 * high}, {0.08, 0.20 + 0.08 * high, 0.26 - 0.06 * high}, true},
+      {0.70, 14 + 10 * high, 10, {0.42, 0.16 + 0.06 * high, 0.08 - 0.08 * high}, {0.16, 0.12 + 0.04 * high, 0.24 - 0.08 * high}, false},
   };
   for (const Way& w : ways) {
     const int t = fly_at + static_cast<int>(std::lround(w.at * flight));
@@ -95,7 +97,7 @@ Authored author_vault(const sim::Model& model, const control::Roles& roles, cons
     };
     pin(0, {0, 0, 0}, {q[0], q[1], q[2]}, 10);
     pin(joint_of(left), {0, 0, 0}, {q[0] + w.left.x, w.left.y, height + w.left.z}, 1);
-    pin(joint_of(right), {0, 0, 0}, {q[0] + w.right.x, w.right.y, w.at < 0.3 ? q[2] - 0.7 : height + w.right.z}, 1);
+    pin(joint_of(right), {0, 0, 0}, {q[0] + w.right.x, w.right.y, w.at < 0.3 ? q[2] - 0.7 + 0.2 * high : height + w.right.z}, 1);
     if (w.hand) pin(hands[0].joint, hands[0].point, hold, 3);
     keys.push_back(k);
   }

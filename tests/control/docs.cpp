@@ -74,6 +74,12 @@ TEST_CASE("docs/control.md") {
   const control::PractisedRegulator practised = practise.run(begin, threads);
   const control::TrackingRegulator better(model, roles, {1}, {motion}, std::vector(1, practised.gains));
 
+  // Refined targets.
+  control::RefinementSettings refinement;
+  refinement.generations = 1;
+  const control::RefinedTargets refined = practise.refine(practised.gains, refinement, begin, threads);
+  CHECK(refined.targets.cols() == motion.ticks());
+
   CHECK(regulator.ticks() == static_cast<int>(sampled.targets.cols()));
   CHECK(better.ticks() == regulator.ticks());
   CHECK(sampled.mean_joint_error < 0.1);

@@ -50,20 +50,25 @@ struct Standing {
       lanes.step(steps);
     }
   }
-  control::PractisedRegulator practise(const control::PracticeSettings& settings, core::ThreadExecutor& executor, double push) const {
+  using Practice = control::RegulatorPractice<S, Nothing>;
+  Practice practice(const control::PracticeSettings& settings) const {
     // Steps this large tell little of what small corrections do.
     control::RegulatorSettings regulator;
     regulator.pose_step = 0.3;
     regulator.velocity_step = 3;
     regulator.target_step = 0.75;
-    const control::RegulatorPractice<S, Nothing> practice(f.model, f.roles, parameters, ground, {}, motion, motion.ticks(), steps, regulator, settings, {});
-    return practice.run(
-        [&](core::RandomStream& random) {
-          control::PracticeStart s{{motion.poses.col(0), motion.velocities.col(0)}};
-          for (int i = 0; i < 2; ++i) s.velocity[i] += push * random.uniform(-1.0, 1.0);
-          return s;
-        },
-        executor);
+    return {f.model, f.roles, parameters, ground, {}, motion, motion.ticks(), steps, regulator, settings, {}};
+  }
+  /// The first pose, pushed along each axis by `push` m/s, more or less by `spread`.
+  auto pushed(double push, double spread) const {
+    return [this, push, spread](core::RandomStream& random) {
+      control::PracticeStart s{{motion.poses.col(0), motion.velocities.col(0)}};
+      for (int i = 0; i < 2; ++i) s.velocity[i] += push + spread * random.uniform(-1.0, 1.0);
+      return s;
+    };
+  }
+  control::PractisedRegulator practise(const control::PracticeSettings& settings, core::ThreadExecutor& executor, double push) const {
+    return practice(settings).run(pushed(0, push), executor);
   }
 };
 
@@ -135,6 +140,45 @@ TEST_CASE("practice keeps a pushed figure on its motion from more starts than di
   CHECK(alone.share == after.share);
   CHECK(alone.gains.back().left == after.gains.back().left);
   CHECK(alone.gains.front().left == after.gains.front().left);
+}
+
+TEST_CASE("refined targets keep to its motion a figure that is always pushed one way, from starts that refinement did not see") {
+  Standing s(60);
+  control::PracticeSettings settings;
+  settings.trials = 128;
+  settings.rank = 0;
+  settings.most_sunk = 0.1;
+  settings.most_tilt = 0.5;
+  settings.rounds = 0;
+  core::ThreadExecutor one(1), two(2);
+  const auto begin = s.pushed(2.5, 0.5);
+  const auto practised = s.practice(settings).run(begin, two);
+  control::RefinementSettings refinement;
+  refinement.population = 24;
+  refinement.starts = 16;
+  refinement.knots = 3;
+  refinement.generations = 30;
+  const auto refined = s.practice(settings).refine(practised.gains, refinement, begin, two);
+  CHECK(refined.generation > 0);
+  refinement.generations = 5;
+  const auto shorter = s.practice(settings).refine(practised.gains, refinement, begin, two), alone = s.practice(settings).refine(practised.gains, refinement, begin, one);
+  CHECK(shorter.share == alone.share);
+  CHECK(shorter.targets == alone.targets);
+  // Others judge, and nothing is refined.
+  settings.seed = 2;
+  refinement.generations = 0;
+  const auto before = s.practice(settings).refine(practised.gains, refinement, begin, two);
+  CHECK(before.targets == s.motion.targets);
+  s.motion.targets = refined.targets;
+  const auto after = s.practice(settings).refine(practised.gains, refinement, begin, two);
+  MESSAGE("kept from " << before.share << " of starts, with refined targets from " << after.share);
+  CHECK(after.share > before.share + 0.2);
+  for (const auto spoil : {+[](control::RefinementSettings& r) { r.knots = 1; }, +[](control::RefinementSettings& r) { r.population = 1; },
+                           +[](control::RefinementSettings& r) { r.starts = 0; }, +[](control::RefinementSettings& r) { r.sigma = 0; }}) {
+    control::RefinementSettings r = refinement;
+    spoil(r);
+    CHECK_THROWS_AS(s.practice(settings).refine(practised.gains, r, begin, one), traceur::Error);
+  }
 }
 
 TEST_CASE("practice of nothing is refused") {

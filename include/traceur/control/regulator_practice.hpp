@@ -14,6 +14,7 @@
 #include "traceur/control/tracking_regulator.hpp"
 #include "traceur/core/executor.hpp"
 #include "traceur/core/random.hpp"
+#include "traceur/optimize/cma_es.hpp"
 
 namespace traceur::control {
 
@@ -90,6 +91,23 @@ struct PractisedRegulator {
   int round = 0;            ///< that made it; 0: the first, from linearize alone
 };
 
+/// How targets are refined for a regulator.
+struct RefinementSettings {
+  int generations = 60;     ///< 0: not at all
+  int population = 48;
+  int starts = 32;          ///< of each candidate
+  int knots = 6;            ///< of each joint's offsets, which are linear between them
+  double sigma = 0.02;      ///< first standard deviation of offsets, rad
+  double enough = 0.99;     ///< share of the practice's trials with which it ends
+};
+
+/// What refinement came to.
+struct RefinedTargets {
+  Eigen::MatrixXd targets;  ///< nq x ticks
+  double share = 0;         ///< of the practice's trials that are kept up to the last tick
+  int generation = 0;       ///< after which; 0: as they were
+};
+
 /// Makes a regulator for a simulated motion and improves it by practice: rollouts under the regulator, with noise on targets,
 /// show how the next state depends on state and targets where it is really used (contacts that come and go with what one
 /// corrects are not what differences about the motion say); A and B of every tick are fitted to that, gains made anew, and so
@@ -133,7 +151,7 @@ public:
         if (round == 0) throw;
         break;
       }
-      const auto [share, time] = judge(*workers, gains, begin, executor);
+      const auto [share, time] = judge(*workers, gains, motion_->targets, begin, executor);
       if (share + 0.01 * time > best_score) {
         best_score = share + 0.01 * time;
         best = {gains, share, round};
@@ -142,6 +160,55 @@ public:
       for (TickRegression& r : regressions) r.forget(practice_.memory);
       see(*workers, gains, begin, static_cast<std::uint64_t>(round), regressions, executor);
       executor.run(ticks_, [&](int t, int) { ticks[static_cast<std::size_t>(t)] = regressions[static_cast<std::size_t>(t)].solve(); });
+    }
+    return best;
+  }
+
+  /// Targets with which a regulator keeps more starts to the motion than with the motion's own: offsets of all joints, by CMA-ES
+  /// over how long and how near it is kept from starts that are new in each generation.
+  template <class Begin, class Executor>
+  RefinedTargets refine(const std::vector<Gain>& gains, const RefinementSettings& settings, Begin&& begin, Executor& executor) const {
+    if (settings.knots < 2 || settings.population < 2 || settings.starts < 1 || !(settings.sigma > 0))
+      throw Error("refinement: expected at least 2 knots, a population of 2, a start and a standard deviation above zero");
+    std::unique_ptr<Workers> workers = std::make_unique<Workers>(executor.concurrency());
+    RefinedTargets best{motion_->targets, judge(*workers, gains, motion_->targets, begin, executor).share, 0};
+    const int na = model_->nv - 6, groups = (settings.starts + width - 1) / width;
+    const TrackingRegulator regulator = regulator_of(gains);
+    optimize::CmaEsParameters p;
+    p.population = settings.population;
+    p.sigma = settings.sigma;
+    p.covariance = optimize::Covariance::diagonal;
+    p.tolerance_cost = p.tolerance_x = 0;
+    p.seed = practice_.seed;
+    const Eigen::VectorXd none = Eigen::VectorXd::Zero(na * settings.knots);
+    optimize::CmaEs cma(none, p);
+    Eigen::VectorXd costs(settings.population);
+    std::vector<double> parts(static_cast<std::size_t>(settings.population * groups));
+    for (int g = 0; g < settings.generations && best.share < settings.enough; ++g) {
+      const Eigen::MatrixXd& x = cma.ask();
+      std::vector<Eigen::MatrixXd> targets;
+      for (int c = 0; c < settings.population; ++c) targets.push_back(with_offsets(x.col(c), settings.knots));
+      executor.run(settings.population * groups, [&](int job, int worker) {
+        const int c = job / groups;
+        auto random = streams(refinement_stream + static_cast<std::uint64_t>(g), job % groups);
+        Eigen::MatrixXd off(2 * model_->nv, width);
+        const auto kept = roll_out(
+            workers->of(*this, worker), regulator, targets[static_cast<std::size_t>(c)], random, begin, off, [](auto&&...) {}, [](auto&&...) {});
+        double cost = 0;
+        for (int l = 0; l < width; ++l) cost += cost_of(kept[static_cast<std::size_t>(l)], off.col(l));
+        parts[static_cast<std::size_t>(job)] = cost / (groups * width);
+      });
+      for (int c = 0; c < settings.population; ++c) {
+        // Large offsets that do as well as small ones are not worth having.
+        costs[c] = 0.1 * x.col(c).squaredNorm() / settings.knots;
+        for (int i = 0; i < groups; ++i) costs[c] += parts[static_cast<std::size_t>(c * groups + i)];
+      }
+      cma.tell(costs);
+      if (g % 5 == 4 || g + 1 == settings.generations) {
+        const Eigen::MatrixXd mean = with_offsets(cma.mean(), settings.knots);
+        const double share = judge(*workers, gains, mean, begin, executor).share;
+        if (share > best.share) best = {mean, share, g + 1};
+      }
     }
     return best;
   }
@@ -160,10 +227,34 @@ private:
   struct Judgement {
     double share = 0, time = 0;
   };
-  static constexpr std::uint64_t trial_stream = 9100, rollout_stream = 9200;
+  static constexpr std::uint64_t trial_stream = 9100, rollout_stream = 9200, refinement_stream = 9300;
   static constexpr int block = 256;  // rollouts whose states are held at once
 
   static double square(double x) { return x * x; }
+
+  /// The motion's targets with offsets of all joints at knots.
+  Eigen::MatrixXd with_offsets(const Eigen::VectorXd& x, int knots) const {
+    const int na = model_->nv - 6;
+    Eigen::MatrixXd out = motion_->targets;
+    Eigen::VectorXd d = Eigen::VectorXd::Zero(model_->nv);
+    for (int t = 0; t < ticks_; ++t) {
+      const double at = static_cast<double>(t) * (knots - 1) / std::max(ticks_ - 1, 1);
+      const int k = std::min(static_cast<int>(at), knots - 2);
+      const double w = at - k;
+      d.tail(na) = (1 - w) * x.segment(k * na, na) + w * x.segment((k + 1) * na, na);
+      body::displace(model_->character.skeleton, motion_->targets.col(t).data(), d.data(), out.col(t).data());
+    }
+    return out;
+  }
+
+  /// Of one rollout: 2 or less where it is lost, the later the less; 1 or less where it is kept, the nearer the less.
+  template <class Off>
+  double cost_of(int kept, const Off& x) const {
+    if (kept < ticks_ - 1) return 2 - static_cast<double>(kept) / ticks_;
+    const double far = square(x[2] / practice_.last_sunk) + square(x.segment(3, 3).norm() / practice_.last_tilt) +
+                       square(x.segment(model_->nv, 3).norm() / practice_.last_speed);
+    return kept < ticks_ ? 1.0 : 0.3 * std::min(far, 3.0) / 3;
+  }
 
   std::vector<Gain> gains_of(const std::vector<LinearizedTick>& ticks) const {
     const auto whole = regulator_gains(ticks, regulator_costs(*model_, regulator_, motion_->ticks()), regulator_.effort);
@@ -172,10 +263,10 @@ private:
     return out;
   }
 
-  /// One rollout in each lane; the tick up to which each was kept. `between(lanes, tick, kept)` may change targets;
+  /// One rollout with some targets in each lane; the tick up to which each was kept. `between(lanes, tick, kept)` may change targets;
   /// `after(tick, kept)` sees the states, columns of `off`.
   template <class Begin, class Between, class After>
-  std::array<int, static_cast<std::size_t>(width)> roll_out(sim::Lanes<S>& lanes, const TrackingRegulator& regulator, std::array<core::RandomStream, static_cast<std::size_t>(width)>& random,
+  std::array<int, static_cast<std::size_t>(width)> roll_out(sim::Lanes<S>& lanes, const TrackingRegulator& regulator, const Eigen::MatrixXd& targets, std::array<core::RandomStream, static_cast<std::size_t>(width)>& random,
                                                             Begin&& begin, Eigen::MatrixXd& off, Between&& between, After&& after) const {
     std::array<int, static_cast<std::size_t>(width)> kept;
     std::array<double, static_cast<std::size_t>(width)> along{};
@@ -196,7 +287,7 @@ private:
     sense(0);
     for (int t = 0; t < ticks_; ++t) {
       for (int l = 0; l < width; ++l) {
-        for (int i = 7; i < model_->nq; ++i) core::set_lane(lanes.target()[i], l, static_cast<T>(motion_->targets(i, t)));
+        for (int i = 7; i < model_->nq; ++i) core::set_lane(lanes.target()[i], l, static_cast<T>(targets(i, t)));
         regulator.apply(lanes, l, 1, t, {0, along[static_cast<std::size_t>(l)], 0, 0}, false, scratch);
       }
       between(lanes, t, alive, off);
@@ -235,7 +326,7 @@ private:
   TrackingRegulator regulator_of(const std::vector<Gain>& gains) const { return {*model_, roles_, {1}, {*motion_}, std::vector<std::vector<Gain>>{gains}}; }
 
   template <class Begin, class Executor>
-  Judgement judge(Workers& workers, const std::vector<Gain>& gains, Begin&& begin, Executor& executor) const {
+  Judgement judge(Workers& workers, const std::vector<Gain>& gains, const Eigen::MatrixXd& targets, Begin&& begin, Executor& executor) const {
     const TrackingRegulator regulator = regulator_of(gains);
     const int groups = (practice_.trials + width - 1) / width;
     std::vector<std::array<int, static_cast<std::size_t>(width)>> kept(static_cast<std::size_t>(groups));
@@ -243,7 +334,7 @@ private:
       auto random = streams(trial_stream, g);
       Eigen::MatrixXd off(2 * model_->nv, width);
       kept[static_cast<std::size_t>(g)] = roll_out(
-          workers.of(*this, worker), regulator, random, begin, off, [](auto&&...) {}, [](auto&&...) {});
+          workers.of(*this, worker), regulator, targets, random, begin, off, [](auto&&...) {}, [](auto&&...) {});
     });
     Judgement j;
     for (int i = 0; i < practice_.trials; ++i) {
@@ -303,7 +394,7 @@ private:
           }
           count[at] = used_columns;
         };
-        roll_out(workers.of(*this, worker), regulator, random, begin, off, disturb, note);
+        roll_out(workers.of(*this, worker), regulator, motion_->targets, random, begin, off, disturb, note);
       });
       executor.run(ticks_, [&](int t, int) {
         int columns = 0;
