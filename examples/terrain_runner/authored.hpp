@@ -81,7 +81,7 @@ struct VaultShape {
   double depth = 0.4;
   double speed = 3.5;         ///< m/s, before and after it
   double slowest = 3.0;       ///< m/s, over it
-  double leans_from = 0.8;    ///< height above which one leans to the side, the more the higher, m
+  double leans_from = 0.85;   ///< height above which one leans to the side, the more the higher, m
   int flight_ticks = 34;
   int steps_after = 2;        ///< that belong to it still,
   int steps_beyond = 1;       ///< and that are sampled with it

@@ -111,11 +111,9 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     m.heights = spaced(first, last, 1 + static_cast<int>(std::lround((last - first) / every)));
     m.first_height = m.heights[m.heights.size() / 2];
   };
-  family(Kind::jump, 0.1, 0.7, 7);
-  family(Kind::vault, 0.6, 0.9, 7);
+  family(Kind::jump, 0.1, 0.6, 6);
+  family(Kind::vault, 0.6, 0.85, 6);
   family(Kind::drop, 0.9, 2.0, 12);
-  // Between these, legs are bent enough that what lies halfway is like neither.
-  e.kinds[index_of(Kind::jump)].family_heights = {0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7};
   e.clearing.seed = e.practice.seed = seed;
   e.practice.rounds = 5;
   e.practice.rank = 12;
@@ -407,14 +405,14 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       f = one;
       f.heights.clear();
     }
-    // Plans that end alike differ in how well they can be kept to: of some the best is taken, and refined.
+    // Plans that end alike differ in how well they can be kept to: of some the best is taken.
     control::PractisedRegulator best;
     best.share = -1;
     MotionFamily best_one;
     Eigen::MatrixXd offsets;
-    for (int plan = 0, tried = 0; plan < effort.plans && tried < effort.plans_kept && best.share < effort.good_plan; ++plan) {
+    for (int plan = 0; plan < effort.plans && best.share < effort.good_plan; ++plan) {
       // Where nothing does near the one before, it is sought farther away.
-      const bool near = k > 0 && (best.share >= 0 || plan < effort.plans / 4);
+      const bool near = k > 0 && (best.share >= 0 || plan < effort.plans / 2);
       control::SamplingParameters of_plan = near ? narrow : p;
       of_plan.seed = effort_.clearing.seed + static_cast<std::uint64_t>(plan);
       const control::SampledControl s = control::sample_control<Lane>(
@@ -431,7 +429,6 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
         starts = regulated_starts(kind, running, body, one, measured.length);
         first_distance = -one.controller(model_, roles_, gait, 0).reference.center_of_mass(0, 0);
       }
-      ++tried;
       const control::PractisedRegulator r = practise({&model_, roles_, &gait, hurdle, &one, 0, &*starts}, effort_.practice, executor_);
       if (interruption_asked()) throw Interrupted{};
       progress_(name_of(kind), text("over %.2f m, plan %d: joints %.1f cm off what was meant, kept to from %.0f %% of starts after %d rounds of practice", h, plan + 1,
@@ -448,7 +445,7 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       write_family(path, f);
       return f;
     }
-    if (best.share < effort.good_plan) {
+    if (effort.refined && best.share < effort.good_plan) {
       const control::RefinedTargets r =
           refine({&model_, roles_, &gait, hurdle, &best_one, 0, &*starts}, best.gains, effort_.practice, effort_.refinement, executor_);
       if (interruption_asked()) throw Interrupted{};

@@ -24,9 +24,9 @@ struct ManoeuvreEffort {
   std::vector<double> family_heights;    ///< where it is sampled, m, increasing;
   int sampling_rounds = 14;              ///< for how long,
   int plans = 8;                         ///< and how often at most,
-  int plans_kept = 3;                    ///< or until so many were practised;
   double most_error = 0.2;               ///< m: joints of a plan farther than that from what was meant are elsewhere
   double good_plan = 0.98;               ///< unless from this share of starts one is kept to
+  bool refined = false;                  ///< whether the best one's targets are refined if none is as good
   double first_height = 0.2;             ///< m: where the law is first said to do
   int rounds = 0;                        ///< of states from courses, law and transOut
   double share = 0.9;                    ///< of trials that must clear it and run on
