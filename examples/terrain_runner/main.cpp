@@ -13,6 +13,8 @@
 // Figure 2 of the paper, and s6. The gait is a running controller, learned from one clip by `perform`.
 #include <cstdio>
 #include <functional>
+#include <utility>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -84,6 +86,8 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
   skills.measured = Measured{length, trainer.watch(skills.gait, *skills.running)};
   write_measured(o.out, *skills.measured);
   const double tested_s = clock.seconds();
+  // Manoeuvres are learned from the narrower range: what is wider is none of their business.
+  std::vector<parameterize::Continuation> wider = std::exchange(skills.wider, {});
   Json walls = Json::object();
   for (const Kind kind : kinds) {
     if (!o.kinds.empty() && std::find(o.kinds.begin(), o.kinds.end(), kind) == o.kinds.end()) continue;
@@ -103,6 +107,19 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
     }
     walls[name_of(kind)] = clock.seconds() - begun_s;
   }
+  const double widening_s = clock.seconds();
+  for (std::size_t k = 0; k < effort.wider.size(); ++k) {
+    const bool begun = k < wider.size();
+    const parameterize::Continuation& from = begun ? wider[k] : k > 0 ? wider[k - 1] : *skills.running;
+    parameterize::Continuation c = trainer.widen_running(skills.gait, from, static_cast<int>(k), begun);
+    if (begun)
+      wider[k] = std::move(c);
+    else
+      wider.push_back(std::move(c));
+  }
+  report["wider"] = to_json(trainer.test_running(skills.gait, wider.back(), trials), trials);
+  report["wider"]["evaluations"] = wider.back().evaluations();
+  report["wall_widening_s"] = clock.seconds() - widening_s;
   report["wall_gait_s"] = gait_s;
   report["wall_running_s"] = running_s - gait_s;
   report["wall_tests_s"] = tested_s - running_s;

@@ -47,6 +47,7 @@ std::optional<Options> read_options(int argc, char** argv) {
       ->check(CLI::IsMember({"planner", "feedback", "recovery", "blending", "interpolation"}));
   evaluate->add_flag("--ablations", o.ablations, "the same courses with the whole system and without each part in turn");
   evaluate->add_flag("--approach", o.approach, "no courses: one obstacle of default height, started 30 to 100 m before it");
+  evaluate->add_flag("--running", o.running, "no courses: 13 speeds of 2 to 5 m/s by 13 turns of up to 6 degrees per step to either side, 20 starts each");
   evaluate->add_option("--trials", o.trials, "of --approach, evenly spaced (default 701, every 0.1 m)")->check(CLI::Range(2, 701));
   bool fresh = false;
   CLI::Option* choose = run->add_flag("--fresh", fresh, "a course that nobody has seen: a seed of the moment, which is said");
@@ -81,6 +82,8 @@ std::optional<Options> read_options(int argc, char** argv) {
   if (o.report.empty()) o.report = o.out / "report.json";
   if (o.ablations && !o.without.empty()) throw traceur::Error("--ablations: it leaves out every part in turn; leave --without out");
   if (o.ablations && o.approach) throw traceur::Error("--ablations: expected without --approach");
+  if (o.running && (o.ablations || o.approach || !o.without.empty() || o.simulator != "bundled"))
+    throw traceur::Error("--running: expected without --ablations, --approach, --without and --simulator");
   if (!o.approach && evaluate->count("--trials") > 0) throw traceur::Error("--trials: expected with --approach");
   for (const Kind kind : kinds) {
     const auto& range = o.heights[index_of(kind)];

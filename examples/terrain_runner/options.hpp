@@ -35,6 +35,7 @@ struct Options {
   bool live = false;        ///< run: no faster than real time
   bool ablations = false;   ///< evaluate: each part left out in turn
   bool approach = false;    ///< evaluate: one obstacle from many distances,
+  bool running = false;     ///< evaluate: speeds and turns
   int trials = 701;         ///< so many
   std::string simulator = "bundled";
   std::string without;  ///< evaluate: what to leave out: planner, feedback, recovery, blending or interpolation

@@ -5,11 +5,13 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <numbers>
 
 #include "../common/lane.hpp"
 #include "../common/files.hpp"
 #include "../common/simulators.hpp"
 #include "../common/progress.hpp"
+#include "traceur/control/running_search.hpp"
 #include "traceur/core/error.hpp"
 #include "traceur/core/executor.hpp"
 
@@ -33,6 +35,8 @@ namespace {
 
 /// Where the paper's trials start, in tenths of a metre from the obstacle: each of them, and what is counted together.
 constexpr int nearest_dm = 300, farthest_dm = 1000, bin_dm = 100;
+/// Of starts that learning never draws from.
+constexpr std::uint64_t running_stream = 79;
 
 /// What became of all courses, in their order, whatever the number of threads. `course(i)` makes the i-th.
 std::vector<CourseOutcome> run_all(const CourseRunner& runner, int count, const std::function<Course(int)>& course,
@@ -157,10 +161,48 @@ Json evaluate_approach(const Options& o, const Player& player, const Skills& ski
                         {"by_distance", list},        {"failures", all.failures}};
 }
 
+/// Tasks evenly over the paper's range (Terrain Runner, Table 1), each from starts that learning never saw.
+void evaluate_running(const Options& o, const Player& player, const Skills& skills, core::ThreadExecutor& executor, Json& report) {
+  constexpr int per_axis = 13, starts = 20;
+  constexpr double most_turn = 6, slowest = 2, fastest = 5, degree = std::numbers::pi / 180;
+  const sim::Ground<float> flat;
+  std::vector<control::RunningJudgement> judged(per_axis * per_axis);
+  const auto task = [&](int i) {
+    const double turn = -most_turn + i % per_axis * 2 * most_turn / (per_axis - 1), speed = slowest + i / per_axis * (fastest - slowest) / (per_axis - 1);
+    return control::RunningTask{turn * degree, speed};
+  };
+  executor.run(per_axis * per_axis, [&](int i, int) {
+    if (example::interruption_asked()) return;
+    control::RunningTrials<example::Lane> trials(*player.body.model, player.body.roles, skills.gait.simulation, flat, player.body.gait, player.body.wide);
+    control::RunningSearch p;
+    p.run.seed = o.seed;
+    p.run.either_foot = true;
+    judged[static_cast<std::size_t>(i)] = control::judge_running(trials, task(i), player.running(task(i)), p, starts, running_stream);
+  });
+  if (example::interruption_asked()) throw example::Interrupted{};
+  int all_stand = 0, most_stand = 0, as_asked = 0;
+  Json list = Json::array();
+  std::printf("runs of 20 cycles, of %d, that end upright; across: degrees per step\n%6s", starts, "m/s");
+  for (int i = 0; i < per_axis; ++i) std::printf("%5.0f", task(i).turn / degree);
+  for (int i = 0; i < per_axis * per_axis; ++i) {
+    const control::RunningJudgement& j = judged[static_cast<std::size_t>(i)];
+    const control::RunningTask t = task(i);
+    const auto stood = static_cast<int>(std::lround(j.survived * starts));
+    all_stand += stood == starts;
+    most_stand += stood >= 0.9 * starts;
+    as_asked += j.share >= 0.9;
+    if (i % per_axis == 0) std::printf("\n%6.2f", t.speed);
+    std::printf("%5d", stood);
+    list.push_back({{"turn_deg_per_step", t.turn / degree}, {"speed_m_s", t.speed}, {"survived", j.survived}, {"as_asked", j.share}, {"measured_speed_m_s", j.speed}, {"measured_turn_deg_per_step", j.turn / degree}});
+  }
+  std::printf("\n%d of %d tasks stand in every run, %d in nine of ten, %d as asked in nine of ten\n", all_stand, per_axis * per_axis, most_stand, as_asked);
+  report["running"] = {{"starts", starts}, {"tasks", per_axis * per_axis}, {"all_stand", all_stand}, {"nine_of_ten_stand", most_stand}, {"as_asked", as_asked}, {"grid", list}};
+}
+
 }  // namespace
 
 Player::Player(const sim::Model& model, const control::Roles& roles, const Skills& skills, const std::vector<Kind>& asked)
-    : body(model, roles, skills.gait), running(*skills.running, body.narrow.shape, body.wide.shape) {
+    : body(model, roles, skills.gait), running(skills.wider.empty() ? *skills.running : skills.wider.back(), body.narrow.shape, body.wide.shape) {
   for (const Kind kind : asked)
     if (skills.family[index_of(kind)]) body.add_family(kind, *skills.family[index_of(kind)]);
 }
@@ -205,6 +247,10 @@ CourseShape course_shape(const Options& o, const Skills& skills) {
 
 void evaluate(const Options& o, const Player& player, const Skills& skills, Json& report) {
   core::ThreadExecutor executor(o.threads);
+  if (o.running) {
+    evaluate_running(o, player, skills, executor, report);
+    return;
+  }
   if (o.approach) {
     report["approach"] = Json::array();
     for (const Kind kind : obstacle_kinds(o, skills)) report["approach"].push_back(evaluate_approach(o, player, skills, executor, kind));

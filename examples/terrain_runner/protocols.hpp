@@ -54,7 +54,7 @@ std::vector<Kind> obstacle_kinds(const Options& o, const Skills& skills);
 CourseShape course_shape(const Options& o, const Skills& skills);
 
 /// Carries out `evaluate`: many courses; with `ablations` the same courses without each part, too; with `approach` one
-/// obstacle of each kind from many distances. Prints what it finds and adds it to the report. Throws example::Interrupted.
+/// obstacle of each kind from many distances; with `running` no obstacles, speeds and turns. Prints what it finds and adds it to the report. Throws example::Interrupted.
 void evaluate(const Options& o, const Player& player, const Skills& skills, nlohmann::ordered_json& report);
 
 }  // namespace terrain_runner

@@ -46,10 +46,13 @@ std::optional<parameterize::Continuation> read_stage(const fs::path& folder, con
   }
 }
 
+std::string wider_name(int step) { return "wider_" + std::to_string(step + 1); }
+
 Skills read_skills(const fs::path& folder, const sim::Model& model, const control::Roles& roles) {
   Skills s;
   s.gait = io::read_controller(folder / "gait.json", model, roles);
   s.running = read_stage(folder, "running");
+  while (auto c = read_stage(folder, wider_name(static_cast<int>(s.wider.size())).c_str())) s.wider.push_back(std::move(*c));
   for (const Kind kind : kinds) {
     s.clearing[index_of(kind)] = read_stage(folder, name_of(kind));
     const fs::path motions = folder / (std::string(name_of(kind)) + ".safetensors");

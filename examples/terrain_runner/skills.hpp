@@ -5,6 +5,8 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "kinds.hpp"
 #include "gait_clock.hpp"
@@ -33,12 +35,14 @@ struct Measured {
 ///
 ///     gait.json           the gait, simulated: a controller
 ///     running.txt         controls over turn (degrees per step) and speed: a continuation, at any point of its work
+///     wider_1.txt         the same, of nodes that were reached under lesser disturbances as well; likewise wider_2.txt, under lesser ones yet
 ///     measured.json       what was measured of running
 ///     jump.safetensors    the jump as it was simulated without feedback: a family of motions; likewise of the vault and the drop
 ///     jump.txt            controls over the height of a step, as running.txt; likewise vault.txt and drop.txt
 struct Skills {
   control::Controller gait;
   std::optional<traceur::parameterize::Continuation> running;
+  std::vector<traceur::parameterize::Continuation> wider;
   std::optional<Measured> measured;
   OfKinds<std::optional<traceur::parameterize::Continuation>> clearing;
   OfKinds<std::optional<MotionFamily>> family;
@@ -48,7 +52,9 @@ struct Skills {
 Skills read_skills(const std::filesystem::path& folder, const sim::Model& model, const control::Roles& roles);
 void write_gait(const std::filesystem::path& folder, const control::Controller& gait);
 void write_measured(const std::filesystem::path& folder, const Measured& m);
-/// `name`: running or that of a kind. Reading gives nothing if there is no such file, and throws traceur::Error when it is not one.
+/// Of step 0 and so on.
+std::string wider_name(int step);
+/// `name`: running, a wider one or that of a kind. Reading gives nothing if there is no such file, and throws traceur::Error when it is not one.
 std::optional<traceur::parameterize::Continuation> read_stage(const std::filesystem::path& folder, const char* name);
 void write_stage(const std::filesystem::path& folder, const char* name, const traceur::parameterize::Continuation& c);
 

@@ -103,6 +103,7 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   e.turns = spaced(0, 6, 4);
   e.speeds = spaced(2, 5, 7);
   e.running.starts = 8;
+  e.wider = {{0.1, {0.5 * degree, 0.15}, 400000}};
   const auto family = [&](Kind kind, double first, double last, int plans_at) {
     constexpr double every = 0.05;  // m
     ManoeuvreEffort& m = e.kinds[index_of(kind)];
@@ -127,6 +128,7 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     e.speeds = {3.25, 3.5, 3.75};
     e.running.starts = 4;
     e.running_evaluations = 2000;
+    e.wider[0].evaluations = 2500;
     e.hardest_push = e.running.run.push;
     e.hardest_wander = e.running.run.wander;
     for (ManoeuvreEffort& k : e.kinds) {
@@ -178,19 +180,17 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
   const Body body(model_, roles_, gait);
   const control::AffineShape& shape = body.narrow.shape;
   const control::RunningSearch p = for_gait(effort_.running, body);
-  auto trials = per_worker<control::RunningTrials<Lane>>(executor_.concurrency(), [&] {
-    return std::make_unique<control::RunningTrials<Lane>>(model_, roles_, gait.simulation, flat_, gait, body.narrow);
-  });
   if (!from) {
+    control::RunningTrials<Lane> trials(model_, roles_, gait.simulation, flat_, gait, body.narrow);
     const control::RunningTask seed{0, body.narrow.table.speed()};
     // Everything else starts from this one, so it is made to stand more than the others are asked to.
     control::RunningSearch first = p;
     first.good_cost = 0;
-    control::RunningFound found = control::search_running(trials[0], shape, seed, shape.neutral(gait.law), first);
+    control::RunningFound found = control::search_running(trials, shape, seed, shape.neutral(gait.law), first);
     progress_("running", text("%.2f m/s: %.0f %% of disturbed runs", seed.speed, 100 * found.judgement.share));
     first.run.push = effort_.hardest_push;
     first.run.wander = effort_.hardest_wander;
-    if (!interruption_asked()) found = control::search_running(trials[0], shape, seed, found.control, first);
+    if (!interruption_asked()) found = control::search_running(trials, shape, seed, found.control, first);
     if (interruption_asked()) throw Interrupted{};
     progress_("running", text("%.2f m/s: %.0f %% of runs as disturbed as can be", seed.speed, 100 * found.judgement.share));
     if (!found.works) throw Error("running: the gait does not hold at its own speed");
@@ -201,7 +201,25 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
     const double near = std::round(2 * seed.speed) / 2;
     from.emplace(grid, Eigen::Vector2d(0, near), found.control);
   }
-  Continuation c = std::move(*from);
+  return spread_running(gait, body, std::move(*from), p, effort_.running_evaluations, "running");
+}
+
+Continuation Trainer::widen_running(const control::Controller& gait, Continuation from, int step, bool begun) {
+  const Body body(model_, roles_, gait);
+  const Effort::Wider& wider = effort_.wider[static_cast<std::size_t>(step)];
+  control::RunningSearch p = for_gait(effort_.running, body);
+  p.run.push = wider.push;
+  p.run.wander = wider.wander;
+  if (!begun) from.retry();
+  return spread_running(gait, body, std::move(from), p, wider.evaluations, wider_name(step));
+}
+
+Continuation Trainer::spread_running(const control::Controller& gait, const Body& body, Continuation c, const control::RunningSearch& p,
+                                     std::int64_t evaluations, const std::string& file) {
+  const control::AffineShape& shape = body.narrow.shape;
+  auto trials = per_worker<control::RunningTrials<Lane>>(executor_.concurrency(), [&] {
+    return std::make_unique<control::RunningTrials<Lane>>(model_, roles_, gait.simulation, flat_, gait, body.narrow);
+  });
   const auto solve = [&](const ContinuationTask& t, int worker) {
     if (interruption_asked()) return ContinuationResult{};
     const control::RunningTask task{t.parameter[0] * degree, t.parameter[1]};
@@ -222,7 +240,7 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
     return r;
   };
   std::vector<ContinuationResult> results;
-  while (!c.finished() && c.evaluations() < effort_.running_evaluations) {
+  while (!c.finished() && c.evaluations() < evaluations) {
     const auto& tasks = c.ask();
     results.assign(tasks.size(), {});
     executor_.run(static_cast<int>(tasks.size()), [&](int i, int worker) {
@@ -231,9 +249,9 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
     // What was cut short must not count.
     if (interruption_asked()) throw Interrupted{};
     c.tell(results);
-    write_stage(folder_, "running", c);
+    write_stage(folder_, file.c_str(), c);
     if (on_range) on_range(c);
-    progress_("running", text("%.0f %% of the range, %ld runs", 100 * c.coverage(), static_cast<long>(c.evaluations())));
+    progress_(file.c_str(), text("%.0f %% of the range, %ld runs", 100 * c.coverage(), static_cast<long>(c.evaluations())));
   }
   return c;
 }
@@ -445,7 +463,7 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
       write_family(path, f);
       return f;
     }
-    if (effort.refined && best.share < effort.good_plan) {
+    if (best.share < effort.refined_below) {
       const control::RefinedTargets r =
           refine({&model_, roles_, &gait, hurdle, &best_one, 0, &*starts}, best.gains, effort_.practice, effort_.refinement, executor_);
       if (interruption_asked()) throw Interrupted{};

@@ -26,7 +26,7 @@ struct ManoeuvreEffort {
   int plans = 8;                         ///< and how often at most,
   double most_error = 0.2;               ///< m: joints of a plan farther than that from what was meant are elsewhere
   double good_plan = 0.98;               ///< unless from this share of starts one is kept to
-  bool refined = false;                  ///< whether the best one's targets are refined if none is as good
+  double refined_below = 0;              ///< and if none is from this share, the best one's targets are refined
   double first_height = 0.2;             ///< m: where the law is first said to do
   int rounds = 0;                        ///< of states from courses, law and transOut
   double share = 0.9;                    ///< of trials that must clear it and run on
@@ -39,6 +39,13 @@ struct Effort {
   double hardest_push = 0;               ///< of the first node of the range, as RunningSettings has them
   control::RunningTask hardest_wander;
   std::vector<double> turns, speeds;     ///< nodes: degrees per step, 0 and more; m/s
+  /// Disturbances under which nodes are tried that failed under harder ones, and after how many runs, with those before, that ends.
+  struct Wider {
+    double push;
+    control::RunningTask wander;
+    std::int64_t evaluations;
+  };
+  std::vector<Wider> wider;
   OfKinds<ManoeuvreEffort> kinds;
   control::PracticeSettings practice;    ///< of regulators
   control::RefinementSettings refinement;  ///< of their targets
@@ -79,6 +86,8 @@ public:
   control::Controller make_gait(const control::Controller& from);
   /// Spreads the gait over speeds and turns. `on_range` is told after each round.
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
+  /// Reaches nodes that failed, under the lesser disturbances of a step; goes on with what was begun in it.
+  traceur::parameterize::Continuation widen_running(const control::Controller& gait, traceur::parameterize::Continuation from, int step, bool begun);
   /// Simulates a manoeuvre as it was authored, over obstacles of several heights, by sampling control, and makes a regulator
   /// for each by practice; goes on with what there is already.
   MotionFamily sample_family(Kind kind, const RunningModel& running, const Body& body, const Measured& measured, std::optional<MotionFamily> from);
@@ -106,6 +115,9 @@ public:
                                               const traceur::plan::StepLength<double>& length, std::uint64_t first);
 
 private:
+  /// Goes on with the nodes of a range, and saves it after each round of them.
+  traceur::parameterize::Continuation spread_running(const control::Controller& gait, const Body& body, traceur::parameterize::Continuation c,
+                                                     const control::RunningSearch& p, std::int64_t evaluations, const std::string& file);
   /// How runners fared on courses, and the states in which their manoeuvres began.
   struct OnCourses {
     int cleared = 0;

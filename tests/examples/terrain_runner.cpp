@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <chrono>
+#include <cmath>
 #include <tuple>
 
 #include <doctest/doctest.h>
@@ -107,6 +108,18 @@ TEST_CASE("one step is met from many distances") {
   }
   CHECK(trials == 15);
   CHECK(successes == found["successes"]);
+}
+
+TEST_CASE("every speed and turn of the paper's range is run") {
+  const fs::path folder = fresh("terrain_runner", "range"), out = folder / "out";
+  REQUIRE(runner(folder, "evaluate --running --seed 5 --out " + out.string()).status == 0);
+  const nlohmann::json found = report_of(out)["running"];
+  REQUIRE(found["grid"].size() == 169);
+  // 95 % of them.
+  CHECK(found["nine_of_ten_stand"].get<int>() >= 161);
+  CHECK(found["as_asked"].get<int>() >= 161);
+  for (const nlohmann::json& task : found["grid"])
+    if (task["as_asked"] == 1.0) CHECK(std::abs(task["measured_speed_m_s"].get<double>() - task["speed_m_s"].get<double>()) < 0.25);
 }
 
 TEST_CASE("steps, boxes and cliffs are cleared in another engine as they are") {
@@ -292,6 +305,7 @@ TEST_CASE("terrain_runner refuses bad arguments and bad files with one line and 
   refused("evaluate --without luck --out " + out.string(), "--without");
   refused("evaluate --ablations --without planner --out " + out.string(), "--ablations");
   refused("evaluate --ablations --approach --out " + out.string(), "--ablations");
+  refused("evaluate --running --approach --out " + out.string(), "--running");
   refused("evaluate --trials 20 --out " + out.string(), "--trials: expected with --approach");
   refused("compare --runs 0 --out " + out.string(), "--runs");
   refused("compare --resume " + (folder / "empty").string() + " --out " + out.string(), "--resume");

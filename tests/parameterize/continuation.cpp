@@ -194,6 +194,33 @@ TEST_CASE("continuation: what cannot be done is left as failed, all around it is
   }
 }
 
+TEST_CASE("continuation: once less is asked, what failed is reached, and what worked keeps what it has") {
+  SerialExecutor serial;
+  Skill hard;
+  hard.cut = 1.5;
+  for (const Strategy strategy : {Strategy::predictor_corrector, Strategy::axis_by_axis}) {
+    for (const bool interrupted : {false, true}) {
+      ContinuationParameters p = plane();
+      p.strategy = strategy;
+      p.max_evaluations = interrupted ? 300 : 0;
+      Continuation c = start(p);
+      run(c, hard, serial);
+      const Continuation before = c;
+      REQUIRE(before.coverage() < 1.0);
+      c.retry();
+      CHECK(c.coverage() == before.coverage());
+      CHECK(c.evaluations() == before.evaluations());
+      CHECK(!c.finished());
+      CHECK(saved(loaded(saved(c))) == saved(c));
+      if (interrupted) continue;
+      run(c, Skill(), serial);
+      CHECK(c.coverage() == 1.0);
+      for (int node = 0; node < c.node_count(); ++node)
+        if (before.status(node) == NodeStatus::solved) CHECK(c.control(node) == before.control(node));
+    }
+  }
+}
+
 TEST_CASE("continuation: the counts add up, and a budget ends it") {
   SerialExecutor serial;
   ContinuationParameters p = plane();

@@ -191,6 +191,18 @@ public:
     }
   }
 
+  /// Goes on once less is asked of controls than before: nodes that work keep what they have, all others are untried
+  /// again. Jobs that were asked for and not told are forgotten.
+  void retry() {
+    tasks_.clear();
+    rays_.clear();
+    for (Node& node : nodes_) {
+      node.attempts = node.solved_then = 0;
+      if (node.status == NodeStatus::failed) node.status = NodeStatus::untried;
+    }
+    begin();
+  }
+
   bool finished() const noexcept { return stage_ == Stage::finished; }
   /// Sum of what the jobs cost, and their number by kind.
   std::int64_t evaluations() const noexcept { return evaluations_; }
