@@ -73,6 +73,12 @@ control::SamplingParameters narrowed(control::SamplingParameters p) {
   return p;
 }
 
+/// The joints' targets of a motion, up to its end, as they were refined.
+void put_targets(const control::RefinedTargets& r, MotionFamily& f, std::size_t k) {
+  const Eigen::Index joints = r.targets.rows() - 7;
+  f.targets[k].leftCols(f.end).bottomRows(joints) = r.targets.leftCols(f.end).bottomRows(joints);
+}
+
 /// Eq. 8's frequencies are the clip's own.
 control::RunningSearch for_gait(control::RunningSearch p, const Body& body) {
   p.run.frequency = {2 / body.narrow.table.duration(), body.narrow.table.speed()};
@@ -103,6 +109,10 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
   e.turns = spaced(0, 6, 4);
   e.speeds = spaced(2, 5, 7);
   e.running.starts = 8;
+  for (const Kind kind : {Kind::jump, Kind::vault}) {
+    e.kinds[index_of(kind)].refined_below = 0.95;
+    e.kinds[index_of(kind)].refined_longer_below = 0.9;
+  }
   e.wider = {{0.1, {0.5 * degree, 0.15}, 400000}};
   const auto family = [&](Kind kind, double first, double last, int plans_at) {
     constexpr double every = 0.05;  // m
@@ -112,8 +122,11 @@ Effort Effort::of(bool quick, std::uint64_t seed) {
     m.heights = spaced(first, last, 1 + static_cast<int>(std::lround((last - first) / every)));
     m.first_height = m.heights[m.heights.size() / 2];
   };
-  family(Kind::jump, 0.1, 0.6, 6);
-  family(Kind::vault, 0.6, 0.85, 6);
+  family(Kind::jump, 0.1, 0.7, 7);
+  // Above that, what lies between two of them would be like neither.
+  std::vector<double>& steps = e.kinds[index_of(Kind::jump)].family_heights;
+  steps.insert(steps.end() - 1, 0.65);
+  family(Kind::vault, 0.6, 1.0, 9);
   family(Kind::drop, 0.9, 2.0, 12);
   e.clearing.seed = e.practice.seed = seed;
   e.practice.rounds = 5;
@@ -468,7 +481,7 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
           refine({&model_, roles_, &gait, hurdle, &best_one, 0, &*starts}, best.gains, effort_.practice, effort_.refinement, executor_);
       if (interruption_asked()) throw Interrupted{};
       progress_(name_of(kind), text("over %.2f m: kept to from %.0f %% of starts after %d generations of refinement", h, 100 * r.share, r.generation));
-      best_one.targets[0].leftCols(best_one.end).bottomRows(model_.nq - 7) = r.targets.leftCols(best_one.end).bottomRows(model_.nq - 7);
+      put_targets(r, best_one, 0);
     }
     f.heights.push_back(h);
     f.targets.push_back(best_one.targets[0]);
@@ -476,12 +489,27 @@ MotionFamily Trainer::sample_family(Kind kind, const RunningModel& running, cons
     f.velocities.push_back(best_one.velocities[0]);
     f.gains.push_back(best.gains);
     if (k == 0) f.plan_distance = first_distance;
-    f.plan_offsets = k + 1 < effort.family_heights.size() ? offsets : Eigen::MatrixXd();
+    // As long as there are any, the family is not done.
+    f.plan_offsets = offsets;
     write_family(path, f);
     // What goes on is what a resumed job would read.
     f = read_family(path, model_);
   }
-  return f;
+  // The next height was not to wait for it.
+  control::RefinementSettings none = effort_.refinement, longer = none;
+  none.generations = 0;
+  longer.generations *= 3;
+  for (std::size_t k = 0; k < f.heights.size() && effort.refined_longer_below > 0; ++k) {
+    const Regulated of{&model_, roles_, &gait, hurdle_of(kind, f.heights[k], f.depth), &f, k, &*starts};
+    if (refine(of, f.gains[k], effort_.practice, none, executor_).share >= effort.refined_longer_below) continue;
+    const control::RefinedTargets r = refine(of, f.gains[k], effort_.practice, longer, executor_);
+    if (interruption_asked()) throw Interrupted{};
+    progress_(name_of(kind), text("over %.2f m: kept to from %.0f %% of starts after %d generations more", f.heights[k], 100 * r.share, r.generation));
+    put_targets(r, f, k);
+  }
+  f.plan_offsets = {};
+  write_family(path, f);
+  return read_family(path, model_);
 }
 
 /// Trials of one way to clear obstacles of several heights, many at a time.

@@ -27,6 +27,7 @@ struct ManoeuvreEffort {
   double most_error = 0.2;               ///< m: joints of a plan farther than that from what was meant are elsewhere
   double good_plan = 0.98;               ///< unless from this share of starts one is kept to
   double refined_below = 0;              ///< and if none is from this share, the best one's targets are refined
+  double refined_longer_below = 0;       ///< share below which a motion of the whole family is refined once more, for longer
   double first_height = 0.2;             ///< m: where the law is first said to do
   int rounds = 0;                        ///< of states from courses, law and transOut
   double share = 0.9;                    ///< of trials that must clear it and run on
