@@ -185,6 +185,10 @@ void write_skill_report(const Options& o, const sim::Model& model, const control
                                  step_lengths(nodes, line, residual)};
   const plan::StepLength<double> fresh = trainer.step_length(nodes);
   std::vector<std::pair<std::string, std::string>> facts{{"running", counts(running)}};
+  if (!skills.wider.empty()) {
+    plots.insert(plots.begin() + 1, running_range("Running, and under lesser disturbances as well", skills.wider.back()));
+    facts.push_back({"running, under lesser disturbances as well", counts(skills.wider.back())});
+  }
   for (const Found& s : obstacles) facts.push_back({name_of(s.kind), counts(s.found)});
   facts.push_back({"step length planned with", rounded(line.slope, 3) + " v + " + rounded(line.offset, 3) + " m"});
   facts.push_back({"fitted to these runs", rounded(fresh.slope, 3) + " v + " + rounded(fresh.offset, 3) + " m"});
