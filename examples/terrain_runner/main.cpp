@@ -109,13 +109,11 @@ void train(const Options& o, const sim::Model& model, const control::Roles& role
   }
   const double widening_s = clock.seconds();
   for (std::size_t k = 0; k < effort.wider.size(); ++k) {
-    const bool begun = k < wider.size();
-    const parameterize::Continuation& from = begun ? wider[k] : k > 0 ? wider[k - 1] : *skills.running;
-    parameterize::Continuation c = trainer.widen_running(skills.gait, from, static_cast<int>(k), begun);
-    if (begun)
-      wider[k] = std::move(c);
-    else
-      wider.push_back(std::move(c));
+    if (k == wider.size()) {
+      wider.push_back(k > 0 ? wider[k - 1] : *skills.running);
+      wider[k].retry();
+    }
+    wider[k] = trainer.widen_running(skills.gait, std::move(wider[k]), static_cast<int>(k));
   }
   report["wider"] = to_json(trainer.test_running(skills.gait, wider.back(), trials), trials);
   report["wider"]["evaluations"] = wider.back().evaluations();

@@ -217,13 +217,12 @@ Continuation Trainer::learn_running(const control::Controller& gait, std::option
   return spread_running(gait, body, std::move(*from), p, effort_.running_evaluations, "running");
 }
 
-Continuation Trainer::widen_running(const control::Controller& gait, Continuation from, int step, bool begun) {
+Continuation Trainer::widen_running(const control::Controller& gait, Continuation from, int step) {
   const Body body(model_, roles_, gait);
   const Effort::Wider& wider = effort_.wider[static_cast<std::size_t>(step)];
   control::RunningSearch p = for_gait(effort_.running, body);
   p.run.push = wider.push;
   p.run.wander = wider.wander;
-  if (!begun) from.retry();
   return spread_running(gait, body, std::move(from), p, wider.evaluations, wider_name(step));
 }
 

@@ -87,8 +87,8 @@ public:
   control::Controller make_gait(const control::Controller& from);
   /// Spreads the gait over speeds and turns. `on_range` is told after each round.
   traceur::parameterize::Continuation learn_running(const control::Controller& gait, std::optional<traceur::parameterize::Continuation> from);
-  /// Reaches nodes that failed, under the lesser disturbances of a step; goes on with what was begun in it.
-  traceur::parameterize::Continuation widen_running(const control::Controller& gait, traceur::parameterize::Continuation from, int step, bool begun);
+  /// Goes on with nodes that are to be tried again, under the lesser disturbances of a step.
+  traceur::parameterize::Continuation widen_running(const control::Controller& gait, traceur::parameterize::Continuation from, int step);
   /// Simulates a manoeuvre as it was authored, over obstacles of several heights, by sampling control, and makes a regulator
   /// for each by practice; goes on with what there is already.
   MotionFamily sample_family(Kind kind, const RunningModel& running, const Body& body, const Measured& measured, std::optional<MotionFamily> from);
