@@ -71,11 +71,12 @@ struct Tally {
   void add(const CourseOutcome& c) {
     completed += c.completed;
     cleared += c.cleared;
-    // Of a course that failed, the steps behind were not met.
-    met += c.cleared + (c.completed ? 0 : 1);
+    // Of a course that failed, the obstacles behind were not met; who fell past the last one fell at none.
+    const bool fell_at_one = !c.completed && c.cleared < c.obstacles;
+    met += c.cleared + fell_at_one;
     seconds += c.seconds;
     for (const Kind kind : kinds) cleared_of[index_of(kind)] += c.cleared_of[index_of(kind)];
-    if (!c.completed) ++failed_at[index_of(c.failed_at)];
+    failed_at[index_of(c.failed_at)] += fell_at_one;
     if (!c.failure.empty()) {
       ++failures[c.failure];
       falls.push_back({{"course", courses},
